@@ -26,12 +26,15 @@ from symid.errors import Notice, RobotError
 from symid.joint_models import NO_FRICTION, FrictionValues, get_friction_law, name_values
 from symid.options import ExciteOptions
 
-Vector = tuple[float, float, float]
 Shape = tuple[int, ...]
 _SMOOTHING = 0.02
 """Width of the sign change of friction for the optimiser, relative to the velocity limit."""
 _SLOW = 0.02
 """The same for joints without a velocity limit, rad/s or m/s."""
+_LENGTH = "a number in m is needed"
+_COMMON = ("links", "point", "size")
+_KEYS = {"sphere": ("keep", "centre", "radius", *_COMMON), "plane": ("normal", "offset", *_COMMON)}
+"""Of the tables of a workspace file."""
 
 
 def smooth_friction(robot: robots.Robot) -> robots.Robot:
@@ -92,10 +95,10 @@ class WorkspaceRegion:
     """
 
     kind: str
-    anchor: Vector
+    anchor: tuple[float, ...]
     extent: float
     joints: tuple[int, ...]
-    place: Vector
+    place: tuple[float, ...]
     size: float
     label: str
 
@@ -105,25 +108,23 @@ class MotionLimits(FrozenArrays):
     """Limits of all joints, in full; a motion uses `share` of them.
 
     Args:
-        centre, half: (n,) rad or m: positions are within centre +- half.
-        velocity, acceleration, jerk: (n,) rad or m, /s, /s^2, /s^3; infinite for none.
+        centre: (n,) rad or m, middle of the positions.
+        bounds: (4, n) of the distance from it, of velocity, acceleration and jerk: rad or m, /s, /s^2, /s^3;
+            infinite for none.
         torque: (n,) N m or N; infinite for none.
         assumed: what the robot file does not state, in words.
     """
 
     centre: FloatArray
-    half: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    jerk: FloatArray
+    bounds: FloatArray
     torque: FloatArray
     share: float
     assumed: tuple[str, ...] = ()
 
     @property
-    def bounds(self) -> FloatArray:
-        """Return half, velocity, acceleration, jerk as (4, n)."""
-        return np.array([self.half, self.velocity, self.acceleration, self.jerk])
+    def half(self) -> FloatArray:
+        """Return half the range of the positions, (n,) rad or m."""
+        return np.asarray(self.bounds[0])
 
 
 def get_motion_limits(robot: robots.Robot, options: ExciteOptions) -> MotionLimits:
@@ -149,15 +150,14 @@ def get_motion_limits(robot: robots.Robot, options: ExciteOptions) -> MotionLimi
         other = math.inf if fallback is None else fallback
         return np.array([other if value is None else value for value in values])
 
+    velocity = get("velocity", options.velocity, "/s")
+    acceleration = get("acceleration", options.acceleration, "/s^2")
+    bounds, torque = (
+        (half, velocity, acceleration, get("jerk", options.jerk, "/s^3")),
+        get("torque", None, ""),
+    )
     return MotionLimits(
-        centre=centre,
-        half=half,
-        velocity=get("velocity", options.velocity, "/s"),
-        acceleration=get("acceleration", options.acceleration, "/s^2"),
-        jerk=get("jerk", options.jerk, "/s^3"),
-        torque=get("torque", None, ""),
-        share=options.share,
-        assumed=tuple(assumed),
+        centre=centre, bounds=np.array(bounds), torque=torque, share=options.share, assumed=tuple(assumed)
     )
 
 
@@ -169,23 +169,13 @@ def compute_coefficient_scales(limits: MotionLimits, harmonics: int, period: flo
     return np.hstack([limits.share * limits.half[:, None], waves, waves])
 
 
-_COMMON = ("links", "point", "size")
-_LENGTH = "a number in m is needed"
-_KEYS = {"sphere": ("keep", "centre", "radius", *_COMMON), "plane": ("normal", "offset", *_COMMON)}
-
-
 def read_workspace(path: Path, robot: robots.Robot) -> tuple[WorkspaceRegion, ...]:
     """Return the demands of a file, or raise a RobotError with all mistakes."""
     root = robots.parse_toml(robots.read_text_file(path), str(path), "excitation.workspace")
     root.refuse_unknown_keys(tuple(_KEYS))
     regions: list[WorkspaceRegion] = []
     for kind, keys in _KEYS.items():
-        tables = root.values.get(kind, [])
-        if not isinstance(tables, list) or not all(isinstance(table, dict) for table in tables):
-            root.refuse("robot.wrong-type", kind, f"expected tables; write [[{kind}]] for each")
-            continue
-        for index, table in enumerate(tables):
-            section = root.inside(table, f"{kind} {index + 1}", kind, index)
+        for section in root.read_table_array(kind):
             section.refuse_unknown_keys(keys)
             region = _read_region(section, kind, robot)
             regions += [region] if region else []
@@ -212,14 +202,12 @@ def _read_region(section: robots.Section, kind: str, robot: robots.Robot) -> Wor
         length = math.hypot(*anchor) if anchor else 1.0
         if not length:
             section.refuse("robot.out-of-range", "normal", "a normal of length zero has no direction")
-        elif anchor is not None:
-            anchor = (anchor[0] / length, anchor[1] / length, anchor[2] / length)
+        elif anchor:
+            anchor = tuple(value / length for value in anchor)
     else:
         kind = section.read_choice("keep", ("out", "in")) or "out"
-        anchor = _read_vector(section, "centre")
-        extent = (
-            section.read_float("radius", "m", robots.POSITIVE) if section.require("radius", _LENGTH) else None
-        )
+        anchor, given = _read_vector(section, "centre"), section.require("radius", _LENGTH)
+        extent = section.read_float("radius", "m", robots.POSITIVE) if given else None
         if kind == "in" and extent is not None and size >= extent:
             text = f"a ball of this size does not fit within {extent:g} m"
             section.refuse("robot.out-of-range", "size", text)
@@ -236,9 +224,9 @@ def _read_region(section: robots.Section, kind: str, robot: robots.Robot) -> Wor
     )
 
 
-def _read_vector(section: robots.Section, key: str) -> Vector | None:
+def _read_vector(section: robots.Section, key: str) -> tuple[float, ...] | None:
     found = section.read_numbers(key, "m", 3) if section.require(key, "three numbers are needed") else None
-    return (float(found[0]), float(found[1]), float(found[2])) if found else None
+    return tuple(map(float, found)) if found else None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -269,14 +257,14 @@ class StateLimits:
 
     Args:
         entries: what they are.
-        values: states (3n) -> (m). slopes: states -> (m 3n), row after row. None where m = 0.
+        values: states (3n) -> (m). slopes: states -> (m 3n), row after row.
         notices: limits that are not kept.
     """
 
-    entries: tuple[StateLimit, ...] = ()
-    values: Any = None
-    slopes: Any = None
-    notices: tuple[Notice, ...] = ()
+    entries: tuple[StateLimit, ...]
+    values: Any
+    slopes: Any
+    notices: tuple[Notice, ...]
 
 
 def build_state_limits(robot: robots.Robot, limits: MotionLimits, options: ExciteOptions) -> StateLimits:
@@ -306,10 +294,8 @@ def build_state_limits(robot: robots.Robot, limits: MotionLimits, options: Excit
                 expression = 2.0 - squared if region.kind == "out" else squared
             name = f"{region.label}, {robot.joints[joint].name}"
             entries.append(StateLimit(name=name, kind=region.kind, limit=limit, expression=expression))
-    if not entries:
-        return StateLimits(notices=notices)
     state = ca.vertcat(*states)
-    values = ca.densify(ca.vertcat(*(entry.expression for entry in entries)))
+    values = ca.densify(ca.vertcat(ca.SX(0, 1), *(entry.expression for entry in entries)))
     slopes = ca.densify(ca.vec(ca.jacobian(values, state).T))
     return StateLimits(
         entries=tuple(entries),
@@ -387,18 +373,14 @@ class StateValues:
 
     def __init__(self, limits: StateLimits, samples: int, size: int) -> None:
         """Allocate the memory of the functions; `size` is the number of joints."""
-        self.samples, self._count = samples, len(limits.entries)
         self.both = np.array([entry.both for entry in limits.entries], dtype=bool)
-        if self._count:
-            state = (3 * size,)
-            self._values = InPlaceFunction(limits.values, samples, (state,), (self._count,))
-            self._slopes = InPlaceFunction(limits.slopes, samples, (state,), (self._count, 3, size))
+        state, count = (3 * size,), len(limits.entries)
+        self._values = InPlaceFunction(limits.values, samples, (state,), (count,))
+        self._slopes = InPlaceFunction(limits.slopes, samples, (state,), (count, 3, size))
 
     def compute_values(self, states: FloatArray) -> FloatArray:
         """Return v (N, m) at states (3, N, n): q, dq, ddq."""
-        if not self._count:
-            return np.zeros((self.samples, 0))
-        return self._values(np.concatenate(list(states), axis=1)).copy()
+        return self._values(np.concatenate(states, axis=1)).copy()
 
     def compute_use(self, states: FloatArray) -> FloatArray:
         """Return v (N, m), its size where both signs are limited; one is the limit."""
@@ -406,5 +388,5 @@ class StateValues:
         return np.where(self.both, np.abs(values), values)
 
     def compute_slopes(self, states: FloatArray) -> FloatArray:
-        """Return dv/dstates as (N, m, 3, n); m must not be 0."""
-        return self._slopes(np.concatenate(list(states), axis=1)).copy()
+        """Return dv/dstates as (N, m, 3, n)."""
+        return self._slopes(np.concatenate(states, axis=1)).copy()

@@ -28,10 +28,12 @@ from symid.excitation.problem import (
     ExcitationProblem,
     Margin,
     build_problem,
+    compute_condition,
+    compute_information,
     compute_margins,
     scale_gram,
 )
-from symid.excitation.trajectories import Trajectory
+from symid.excitation.trajectories import Trajectory, build_fourier
 from symid.ipopt import Ending, IpoptOptions, SmoothProblem, keep_last, minimise
 from symid.options import ExciteOptions
 from symid.robot import Robot
@@ -43,6 +45,19 @@ _HALVINGS = 8
 """Bisections of the largest common scale."""
 _SMALLEST = 0.05
 """Least common scale of a series."""
+_NEAR = 0.75
+"""Share of a limit from which on Ipopt is given it."""
+_ROUNDS = 5
+"""Runs with ever more limits; the last one has all."""
+_SLACK = 1e-6
+_TOLERANCE = 1e-4
+"""Of Ipopt."""
+_REFINED, _ITERATIONS = 4, 150
+"""Starts that are taken further; iterations of Ipopt in one run."""
+_JUDGED = 20
+"""Best random series whose stated figures are computed."""
+_REPAIRS = 6
+"""Times that limits are tightened before the search fails."""
 
 
 def draw_candidates(
@@ -70,7 +85,7 @@ def draw_candidates(
             worst += excess > 0.0
             continue
         found.append(unknowns)
-        conditions.append(problem.compute_condition(unknowns))
+        conditions.append(compute_condition(problem.compute_gram(unknowns)))
     order = np.argsort(conditions, kind="stable")
     return np.array(found)[order], np.array(conditions)[order]
 
@@ -86,8 +101,8 @@ def _draw_candidate(
     falling = np.tile(1.0 / np.arange(1, space.harmonics + 1), 2)
     wave = np.zeros_like(middle)
     wave[:, 1:] = rng.normal(size=(space.size, 2 * space.harmonics)) * falling * scales[:, 1:]
-    rest = space.compute_unknowns(middle).ravel()
-    motion = space.compute_unknowns(space.offset + wave).ravel()
+    rest = space.compute_unknowns(middle)
+    motion = space.compute_unknowns(space.offset + wave)
     excess = problem.compute_state_excess(rest)
     here, ahead = problem.rows @ rest + problem.constants, problem.rows @ motion
     if np.any(excess > 0.0) or np.any(np.abs(here) > 1.0):
@@ -99,34 +114,16 @@ def _draw_candidate(
     factors = np.full(space.size, np.inf)
     np.minimum.at(factors, owner, room)
     # A joint without any motion has no limit to reach.
-    motion *= np.repeat(np.where(factors < 1e6, 0.9999 * factors, 0.0), space.shape[1])
+    motion *= np.repeat(np.where(factors < 1e6, 0.9999 * factors, 0.0), len(motion) // space.size)
 
     def is_within(factor: float) -> bool:
         return not np.any(problem.compute_state_excess(rest + factor * motion) > 0.0)
 
-    low, high = 0.0, 1.0
-    if is_within(1.0):
-        low = 1.0
-    else:
-        for _ in range(_HALVINGS):
-            half = 0.5 * (low + high)
-            low, high = (half, high) if is_within(half) else (low, half)
+    low, high = (1.0, 1.0) if is_within(1.0) else (0.0, 1.0)
+    for _ in range(_HALVINGS if low < high else 0):
+        half = 0.5 * (low + high)
+        low, high = (half, high) if is_within(half) else (low, half)
     return (rest + low * motion if low > _SMALLEST else None), excess
-
-
-_NEAR = 0.75
-"""Share of a limit from which on Ipopt is given it."""
-_ROUNDS = 5
-"""Runs with ever more limits; the last one has all."""
-_SLACK = 1e-6
-_TOLERANCE = 1e-4
-"""Of Ipopt."""
-_REFINED, _ITERATIONS = 4, 150
-"""Starts that are taken further; iterations of Ipopt in one run."""
-_JUDGED = 20
-"""Best random series whose stated figures are computed."""
-_REPAIRS = 6
-"""Times that limits are tightened before the search fails."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -230,8 +227,8 @@ def optimise_excitation(
         report(f"  condition number {min(run.condition for run in runs):.4g}")
         form = problem
     unknowns, margins = _enforce_limits(problem, names, runs[0], options)
-    stated = problem.build_stated(robot)
-    order = np.argsort([problem.compute_information(z) for z in candidates], kind="stable")
+    stated = problem.build_stated(robot).compute_gram
+    order = np.argsort([compute_information(problem.compute_gram(z)) for z in candidates], kind="stable")
     notices = problem.state_limits.notices
     if problem.limits.assumed:
         text = f"the robot file does not state all limits; assumed: {'; '.join(problem.limits.assumed)}"
@@ -240,15 +237,17 @@ def optimise_excitation(
         f"optimised finite Fourier series ({options.criterion}), {options.harmonics} harmonics of "
         f"{1.0 / options.period:g} Hz"
     )
+    coefficients = problem.space.compute_coefficients(unknowns)
+    series = build_fourier(coefficients, 1.0 / options.period, duration=options.period, ramp=0.0)
     return OptimisedExcitation(
-        trajectory=problem.space.build_trajectory(unknowns.reshape(problem.space.shape), source),
-        coefficients=problem.space.compute_coefficients(unknowns.reshape(problem.space.shape)),
-        condition=stated.compute_condition(unknowns),
-        information=stated.compute_information(unknowns),
+        trajectory=replace(series, source=source),
+        coefficients=coefficients,
+        condition=compute_condition(stated(unknowns)),
+        information=compute_information(stated(unknowns)),
         parameters=problem.observation.names,
-        random_condition=min(stated.compute_condition(z) for z in candidates[:_JUDGED]),
-        random_median=stated.compute_condition(candidates[len(candidates) // 2]),
-        random_information=max(stated.compute_information(candidates[at]) for at in order[-_JUDGED:]),
+        random_condition=min(compute_condition(stated(z)) for z in candidates[:_JUDGED]),
+        random_median=compute_condition(stated(candidates[len(candidates) // 2])),
+        random_information=max(compute_information(stated(candidates[at])) for at in order[-_JUDGED:]),
         runs=tuple(runs),
         margins=margins,
         notices=notices,
@@ -260,18 +259,14 @@ def _list_search_stages(options: ExciteOptions) -> list[tuple[int, Criterion, Ip
     many, few, full = options.starts, min(_REFINED, options.starts), _ITERATIONS
     # Power of the criterion, series that take part, barrier of Ipopt, iterations.
     plan = [(4.0, many, 1e-2, min(60, full)), (16.0, few, 1e-3, full), (40.0, min(2, few), 1e-4, full)]
-    criterion = Criterion(weight=options.weight)
     if options.criterion == "d-optimal":
         plan = [(0.0, many, 1e-2, min(60, full)), (0.0, few, 1e-3, 2 * full), (0.0, 1, 1e-5, 2 * full)]
-        criterion = Criterion(name="d-optimal")
-    return [
-        (
-            kept,
-            replace(criterion, power=power),
-            IpoptOptions(tolerance=_TOLERANCE, iterations=iterations, barrier=barrier),
-        )
-        for power, kept, barrier, iterations in plan
-    ]
+    stages = []
+    for power, kept, barrier, iterations in plan:
+        criterion = Criterion(name=options.criterion, power=power, weight=options.weight)
+        ipopt = IpoptOptions(tolerance=_TOLERANCE, iterations=iterations, barrier=barrier)
+        stages.append((kept, criterion, ipopt))
+    return stages
 
 
 def _advance_run(
@@ -314,7 +309,7 @@ def _advance_run(
         unknowns=unknowns if better else start,
         value=here if better else was,
         start=run.start,
-        condition=problem.compute_condition(unknowns if better else start),
+        condition=compute_condition(problem.compute_gram(unknowns if better else start)),
         iterations=iterations,
         status=status,
     )

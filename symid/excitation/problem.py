@@ -33,6 +33,7 @@ from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, freeze
@@ -57,9 +58,18 @@ from symid.serialization import HIDDEN
 _GRAM_SAMPLES = 20
 """Samples of the observation matrix per harmonic: sums equal integrals over the period to 1e-6."""
 _FIGURE_SAMPLES = 400
-"""The same for the figures that are stated."""
+"""The same for the figures and margins that are stated."""
 _FINE, _COARSE = 20, 8
 """Grid points per harmonic: limits of motion lose 1.2 and 7.6 % between them."""
+_ROUNDING = 1e-6
+"""By which a limit may be exceeded, relative or in m."""
+SPACE = "space"
+_CLEARANCES: Mapping[str, Callable[[float, float], float]] = {
+    "out": lambda value, radius: (math.sqrt(2.0 - value) - 1.0) * radius,
+    "in": lambda value, radius: (1.0 - math.sqrt(value)) * radius,
+    "plane": lambda value, _: 1.0 - value,
+}
+_ORDERS = ("position", "velocity", "acceleration", "jerk")
 _FLOOR = 1e-13
 """Least eigenvalue of a scaled Gram matrix that is not rounding."""
 
@@ -104,7 +114,7 @@ class Observation:
 
     def compute_matrix(self, states: FloatArray) -> FloatArray:
         """Return A (N n, b) at states (3, N, n): q, dq, ddq."""
-        self._states = np.concatenate(list(states), axis=1)
+        self._states = np.concatenate(states, axis=1)
         weighted: FloatArray = self._matrix(self._states) * self.weights[:, None]
         return weighted.reshape(-1, len(self.names))
 
@@ -133,15 +143,13 @@ def scale_gram(gram: FloatArray) -> tuple[FloatArray, FloatArray]:
 def compute_condition(gram: FloatArray) -> float:
     """Return the condition number of the columns scaled to length one, of G (b, b); inf for less rank."""
     values = np.linalg.eigvalsh(scale_gram(gram)[0])
-    if not values[0] > _FLOOR * values[-1]:
-        return float("inf")
-    return float(np.sqrt(values[-1] / values[0]))
+    return float(np.sqrt(values[-1] / values[0])) if values[0] > _FLOOR * values[-1] else math.inf
 
 
 def compute_information(gram: FloatArray) -> float:
     """Return log det(G) / (2 b) of G (b, b), the mean logarithm of information; -inf for less rank."""
     sign, value = np.linalg.slogdet(gram)
-    return float(value) / (2.0 * len(gram)) if sign > 0 else -float("inf")
+    return float(value) / (2.0 * len(gram)) if sign > 0 else -math.inf
 
 
 def compute_criterion(gram: FloatArray, criterion: Criterion) -> tuple[float, FloatArray]:
@@ -172,7 +180,7 @@ def build_limit_rows(space: SeriesSpace, limits: MotionLimits, density: int) -> 
     sure = limits.share * math.cos(math.pi * space.harmonics / points)
     basis = build_grid_basis(space, points, 4)
     fastest = 2.0 * math.pi * space.harmonics / space.period
-    rows, constants = [], []
+    blocks, constants = [], []
     for joint in range(space.size):
         offset = space.offset[joint].copy()
         offset[0] -= limits.centre[joint]
@@ -183,13 +191,10 @@ def build_limit_rows(space: SeriesSpace, limits: MotionLimits, density: int) -> 
                 kept.append(order)
                 reach = bound
             reach *= fastest
-        bounds = sure * limits.bounds[kept, joint]
-        full = basis[kept] / bounds[:, None, None]
-        block = np.zeros((full.shape[0] * full.shape[1], *space.shape))
-        block[:, joint] = (full @ space.maps[joint]).reshape(len(block), -1)
-        rows.append(block.reshape(len(block), -1))
-        constants.append((full @ offset).reshape(-1))
-    return np.concatenate(rows), np.concatenate(constants)
+        full = basis[kept] / (sure * limits.bounds[kept, joint])[:, None, None]
+        blocks.append(np.concatenate(full @ space.maps[joint]))
+        constants.append(np.ravel(full @ offset))
+    return scipy.linalg.block_diag(*blocks), np.concatenate(constants)
 
 
 @final
@@ -213,11 +218,6 @@ class ExcitationProblem:
         self._values = StateValues(state_limits, checks, space.size)
         self.rows, self.constants = build_limit_rows(space, limits, density)
 
-    @property
-    def size(self) -> int:
-        """Return the number of unknowns."""
-        return self.space.shape[0] * self.space.shape[1]
-
     def build_coarse(self) -> "ExcitationProblem":
         """Return the same problem with limits on a coarse grid, which is quicker and no less strict."""
         return ExcitationProblem(self.space, self.limits, self.observation, self.state_limits, _COARSE)
@@ -230,32 +230,18 @@ class ExcitationProblem:
 
     def compute_gram(self, unknowns: FloatArray) -> FloatArray:
         """Return G (b, b) of z (n r,)."""
-        matrix = self.observation.compute_matrix(self._compute_states(unknowns, self.basis))
-        gram: FloatArray = matrix.T @ matrix / self.observation.samples
-        return gram
-
-    def compute_condition(self, unknowns: FloatArray) -> float:
-        """Return the condition number of the columns scaled to length one."""
-        return compute_condition(self.compute_gram(unknowns))
-
-    def compute_information(self, unknowns: FloatArray) -> float:
-        """Return the mean logarithm of a parameter's information."""
-        return compute_information(self.compute_gram(unknowns))
+        matrix = self.observation.compute_matrix(self.space.compute_states(unknowns, self.basis))
+        return np.asarray(matrix.T @ matrix / self.observation.samples)
 
     def compute_value(self, unknowns: FloatArray, criterion: Criterion) -> tuple[float, FloatArray]:
         """Return f and its gradient (n r,)."""
-        matrix = self.observation.compute_matrix(self._compute_states(unknowns, self.basis))
+        matrix = self.observation.compute_matrix(self.space.compute_states(unknowns, self.basis))
         samples = self.observation.samples
         value, slope = compute_criterion(matrix.T @ matrix / samples, criterion)
         # The observation has the states already.
         by_state = self.observation.compute_slope((2.0 / samples) * matrix @ slope)
         by_coefficient = np.einsum("kic,kij->jc", self.basis, by_state, optimize=True)
         return value, np.einsum("jc,jcr->jr", by_coefficient, self.space.maps).ravel()
-
-    @property
-    def points(self) -> int:
-        """Return at how many points of the period v is limited."""
-        return self._values.samples
 
     def build_constraints(self, tightening: FloatArray, watched: NDArray[np.bool_]) -> Constraints:
         """Return the linear constraints, then those of v that are watched, (points, v).
@@ -268,37 +254,33 @@ class ExcitationProblem:
             linear: FloatArray = self.rows @ unknowns + self.constants
             if not len(kind):
                 return linear
-            values = self._values.compute_values(self._compute_states(unknowns, self._check_basis))
+            values = self._values.compute_values(self.space.compute_states(unknowns, self._check_basis))
             return np.append(linear, values[watched])
 
         def compute_jacobian(unknowns: FloatArray) -> FloatArray:
             if not len(kind):
                 return self.rows
-            slopes = self._values.compute_slopes(self._compute_states(unknowns, self._check_basis))
+            slopes = self._values.compute_slopes(self.space.compute_states(unknowns, self._check_basis))
             by_coefficient = np.einsum("ekj,kec->ejc", slopes[watched], self._check_basis[:, point])
             by_unknown = np.einsum("ejc,jcr->ejr", by_coefficient, self.space.maps)
-            return np.concatenate([self.rows, by_unknown.reshape(-1, self.size)])
+            return np.concatenate([self.rows, by_unknown.reshape(len(point), -1)])
 
         linear, upper = np.ones(len(self.rows)), 1.0 - tightening[kind]
         return Constraints(
             value=compute_values,
             jacobian=compute_jacobian,
-            pattern=np.concatenate([self.rows != 0.0, np.ones((len(kind), self.size), dtype=bool)]),
+            pattern=np.concatenate([self.rows != 0.0, np.ones((len(kind), self.rows.shape[1]), dtype=bool)]),
             lower=np.concatenate([-linear, np.where(self._values.both[kind], -upper, -np.inf)]),
             upper=np.concatenate([linear, upper]),
         )
 
     def compute_state_use(self, unknowns: FloatArray) -> FloatArray:
         """Return v (points, v) of torque, torsion and space, as `StateValues.compute_use` does."""
-        return self._values.compute_use(self._compute_states(unknowns, self._check_basis))
+        return self._values.compute_use(self.space.compute_states(unknowns, self._check_basis))
 
     def compute_state_excess(self, unknowns: FloatArray) -> FloatArray:
         """Return by how much each v (v,) exceeds its limit at the worst point; negative within."""
-        excess: FloatArray = self.compute_state_use(unknowns).max(axis=0) - 1.0
-        return excess
-
-    def _compute_states(self, unknowns: FloatArray, basis: FloatArray) -> FloatArray:
-        return self.space.compute_states(unknowns.reshape(self.space.shape), basis)
+        return np.asarray(self.compute_state_use(unknowns).max(axis=0) - 1.0)
 
 
 def build_problem(robot: Robot, options: ExciteOptions) -> ExcitationProblem:
@@ -321,18 +303,6 @@ def build_problem(robot: Robot, options: ExciteOptions) -> ExcitationProblem:
     state_limits = build_state_limits(robot, limits, options)
     observation = Observation(smooth_friction(robot), _GRAM_SAMPLES * options.harmonics, weights)
     return ExcitationProblem(space, limits, observation, state_limits)
-
-
-_POINTS = 400
-"""Points per harmonic."""
-_ROUNDING = 1e-6
-SPACE = "space"
-_CLEARANCES: Mapping[str, Callable[[float, float], float]] = {
-    "out": lambda value, radius: (math.sqrt(2.0 - value) - 1.0) * radius,
-    "in": lambda value, radius: (1.0 - math.sqrt(value)) * radius,
-    "plane": lambda value, _: 1.0 - value,
-}
-_ORDERS = ("position", "velocity", "acceleration", "jerk")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -370,8 +340,8 @@ def compute_margins(
 ) -> tuple[tuple[Margin, ...], FloatArray]:
     """Return all limits, joints in the order of `names`, at unknowns (n r,), and the largest v (v,)."""
     limits, space, entries = problem.limits, problem.space, problem.state_limits.entries
-    basis = build_grid_basis(space, _POINTS * space.harmonics, 4)
-    states = space.compute_states(unknowns.reshape(space.shape), basis)
+    basis = build_grid_basis(space, _FIGURE_SAMPLES * space.harmonics, 4)
+    states = space.compute_states(unknowns, basis)
     gaps = np.abs(states - np.array([limits.centre, *np.zeros((3, len(names)))])[:, None, :])
     margins = [
         Margin(kind=kind, name=name, value=float(peak), limit=float(bound), allowed=limits.share)

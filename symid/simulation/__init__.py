@@ -3,8 +3,9 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from symid.simulation.elastic_experiment import (
+    from symid.simulation.experiment import (
         ElasticRun as ElasticRun,
+        ExperimentOptions as ExperimentOptions,
         MotorReference as MotorReference,
         build_clean_options as build_clean_options,
         build_noisy_options as build_noisy_options,
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
         simulate_elastic as simulate_elastic,
         simulate_log as simulate_log,
     )
-    from symid.simulation.experiment import ExperimentOptions as ExperimentOptions
     from symid.simulation.friction_rig import (
         ForceDrive as ForceDrive,
         PositionControl as PositionControl,

@@ -23,7 +23,7 @@ import scipy
 
 from symid import joint_models
 from symid.arrays import FloatArray, FrozenArrays
-from symid.codegen import Library, ModelCard, PlantExperiment, PlantLog, PlantRobot
+from symid.codegen import CompiledPlant, Library, ModelCard, PlantExperiment, PlantLog, PlantRobot
 from symid.errors import Notice, SolverError, UsageError
 from symid.robot import Robot
 from symid.simulation import rigid_plant
@@ -75,30 +75,26 @@ def get_elastic_values(robot: Robot, card: ModelCard) -> ElasticValues:
     gentle |= {joint.name for joint in robot.joints if joint.friction.smoothing > 0.0}
     gentle |= {coupling.name for coupling in robot.couplings if coupling.friction.smoothing > 0.0}
     dry = [entry for entry in card.friction if entry.name.startswith("Fc") and entry.value]
-    sharp = ", ".join(entry.name for entry in dry if entry.joint not in gentle)
-    notices = []
-    for found, code, text in (
-        (
-            ", ".join(unknown),
-            "unknown-values",
-            (
-                " cannot be simulated: its file states no value for {}; give mass, centre of mass and "
-                "inertia of every link, rotor inertia, friction and elasticity of every joint"
-            ),
-        ),
-        (", ".join(light), "not-positive", " cannot be simulated: the rotor_inertia of {} must be positive"),
-        (", ".join(soft), "not-positive", " cannot be simulated: the stiffness of {} must be positive"),
-        (
-            sharp,
-            "sharp-friction",
-            (
-                ": the dry friction {} jumps at standstill, which elastic simulation does not support; give "
-                "[joint.friction] a `smoothing` speed, such as 0.01 rad/s"
-            ),
-        ),
-    ):
-        if found:
-            notices.append(Notice(code=f"usage.{code}", text=f"robot {robot.name!r}{text.format(found)}"))
+    sharp = [entry.name for entry in dry if entry.joint not in gentle]
+    known = (
+        " cannot be simulated: its file states no value for {}; give mass, centre of mass and inertia of "
+        "every link, rotor inertia, friction and elasticity of every joint"
+    )
+    smooth = (
+        ": the dry friction {} jumps at standstill, which elastic simulation does not support; give "
+        "[joint.friction] a `smoothing` speed, such as 0.01 rad/s"
+    )
+    rules = (
+        (unknown, "unknown-values", known),
+        (light, "not-positive", " cannot be simulated: the rotor_inertia of {} must be positive"),
+        (soft, "not-positive", " cannot be simulated: the stiffness of {} must be positive"),
+        (sharp, "sharp-friction", smooth),
+    )
+    notices = [
+        Notice(code=f"usage.{code}", text=f"robot {robot.name!r}{text.format(', '.join(names))}")
+        for names, code, text in rules
+        if names
+    ]
     if notices:
         raise UsageError(*notices)
     return ElasticValues(
@@ -134,26 +130,26 @@ def build_plant_robot(values: ElasticValues) -> PlantRobot:
     )
 
 
-_ROOT_TOLERANCE = 1e-12
-_LEAST_SHARE = 1e-9
+_SHARE = 0.5
+"""Of the time constant of the fastest motion; Runge-Kutta steps are stable up to 2.7 times it."""
+_LONGEST_STEP, _SMALL, _ROUNDING = 1e-4, 1e-9, 1e-9
+_GROWTH, _MOST_TRIALS, _BISECTIONS, _LEAST_TORSION = 1.1, 400, 200, 1e-9
+_ROOT_TOLERANCE, _LEAST_SHARE = 1e-12, 1e-9
 _LOGGED = ("q", "dq", "theta", "dtheta", "spring", "torque", "work", "friction", "elastic", "damped")
 
 
 @final
+@dataclass(frozen=True, slots=True)
 class Springs:
     """The springs of all joints: tau = S(v), v = k0 phi + k3 phi^3 + sum k_i clamp(phi - P_i, r_i)."""
 
-    __slots__ = ("_robot",)
-
-    def __init__(self, robot: PlantRobot) -> None:
-        """Take the numbers of `robot`."""
-        self._robot = robot
+    robot: PlantRobot
 
     def compute_inner(
         self, phi: FloatArray | float, play: FloatArray, at: int | slice = slice(None)
     ) -> FloatArray:
         """Return v, in N m or N, of the joints `at` torsion `phi` with the plays (n, m) where they are."""
-        robot = self._robot
+        robot = self.robot
         slip = np.clip(np.asarray(phi)[..., None] - play[at], -robot.radius[at], robot.radius[at])
         spring = (robot.stiffness[at] + robot.cubic[at] * phi * phi) * phi
         return np.asarray(spring + (robot.weight[at] * slip).sum(axis=-1))
@@ -162,9 +158,9 @@ class Springs:
         self, phi: FloatArray | float, play: FloatArray, at: int | slice = slice(None)
     ) -> FloatArray:
         """Return S(v), in N m or N."""
-        v, knee = self.compute_inner(phi, play, at), self._robot.knee[at]
+        v, knee = self.compute_inner(phi, play, at), self.robot.knee[at]
         over = v[..., None] - knee
-        return np.asarray(v + (self._robot.slope[at] * over * (over * knee > 0.0)).sum(axis=-1))
+        return np.asarray(v + (self.robot.slope[at] * over * (over * knee > 0.0)).sum(axis=-1))
 
     def integrate(self, joint: int, start: float, end: float, play: FloatArray) -> float:
         """Return the integral of S(v) over phi, in J: Simpson's rule, exact between kinks."""
@@ -179,17 +175,15 @@ class Springs:
             start = kink
         return total
 
-    def compute(self, phi: FloatArray, rate: FloatArray, passed: float, play: FloatArray) -> FloatArray:
+    def compute(self, phi: FloatArray, _rate: FloatArray, _passed: float, play: FloatArray) -> FloatArray:
         """Return the torques (n,) at torsions (n,); neither their rates nor the time count."""
-        del rate, passed
         return self.compute_torque(phi, play)
 
     def settle(
-        self, ways: tuple[FloatArray, FloatArray], rate: FloatArray, passed: float, play: FloatArray
+        self, ways: tuple[FloatArray, FloatArray], _rate: FloatArray, _passed: float, play: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
         """Return the work (n,) in J from one torsion (n,) to another, and the plays there."""
-        del rate, passed
-        radius, end = self._robot.radius, ways[1][:, None]
+        radius, end = self.robot.radius, ways[1][:, None]
         pairs = enumerate(np.stack(ways, axis=1).tolist())
         work = [self.integrate(joint, low, high, play) for joint, (low, high) in pairs]
         return np.array(work), end - np.clip(end - play, -radius, radius)
@@ -201,7 +195,7 @@ class Springs:
 
     def locate_kink(self, joint: int, start: float, end: float, play: FloatArray) -> float:
         """Return the first torsion from `start` towards `end` at which the slope changes; `end` for none."""
-        robot, way, least = self._robot, 1.0 if end > start else -1.0, _LEAST_SHARE * abs(end - start)
+        robot, way, least = self.robot, 1.0 if end > start else -1.0, _LEAST_SHARE * abs(end - start)
         kinks = (play[joint] + way * robot.radius[joint])[robot.weight[joint] != 0.0].tolist()
         for level in robot.knee[joint][robot.slope[joint] != 0.0].tolist():
             ends = [float(self.compute_inner(phi, play, joint)) - level for phi in (start, end)]
@@ -223,8 +217,6 @@ class Elements:
 
     Their memory (n, m) has the states of each as `start_states` orders them, then zeros.
     """
-
-    __slots__ = ("_algebra", "_sizes", "_values", "springs")
 
     def __init__(self, springs: Sequence[joint_models.Elasticity]) -> None:
         """Take the springs, all numbers known."""
@@ -270,9 +262,8 @@ class Elements:
         work = (end - start) / 6.0 * (self.compute(start, rate, 0.0, memory) + 4.0 * middle + last)
         return work, self.pad([step.states for step in steps])
 
-    def bends(self, start: FloatArray, end: FloatArray, memory: FloatArray) -> bool:
+    def bends(self, _start: FloatArray, _end: FloatArray, _memory: FloatArray) -> bool:
         """Return False: where branches slip is not located; steps are cut at reversals alone."""
-        del start, end, memory
         return False
 
 
@@ -294,13 +285,12 @@ class _ElasticStepper:
         self._card = library.card
         self._bristles = rigid_plant.build_bristles(library, robot.friction)
         # Before and after a step.
-        self.z = self.bent = np.zeros(0 if self._bristles is None else len(self._bristles.owner))
+        self.z = self.bent = np.zeros(len(self._bristles.owner))
 
     def compute_springs(self, x: FloatArray, memory: FloatArray, passed: float = 0.0) -> FloatArray:
         rate = x[3] - x[1]
-        torque: FloatArray = self._robot.damping * rate
-        torque += self.springs.compute(x[2] - x[0], rate, passed, memory)
-        return torque
+        torque = self.springs.compute(x[2] - x[0], rate, passed, memory)
+        return np.asarray(self._robot.damping * rate + torque)
 
     def _compute_slope(
         self, x: FloatArray, push: FloatArray, torque: FloatArray, z: FloatArray
@@ -309,28 +299,24 @@ class _ElasticStepper:
         drag = np.zeros(robot.size)
         if self._friction is not None:
             (drag,) = self._friction(*rigid_plant.gather_inputs(self._card, x[3], x[2], push), robot.friction)
-        if self._bristles is not None:
-            drag = np.where(self._bristles.joints, self._bristles.compute_torque(x[3], z), drag)
+        drag = np.where(self._bristles.joints, self._bristles.compute_torque(x[3], z), drag)
         (acceleration,) = self._forward(x[0], x[1], push, robot.beta)
         spin = (torque - push - drag) / robot.rotor
         return np.array([x[1], acceleration, x[3], spin, drag * x[3], robot.damping * twist * twist])
 
     def step(self, x: FloatArray, memory: FloatArray, torque: FloatArray, h: float) -> FloatArray:
-        push, z = self.compute_springs(x, memory), self.z
-        if self._bristles is None:
-            bend = None
-        else:
+        z, bend = self.z, None
+        k1 = self._compute_slope(x, self.compute_springs(x, memory), torque, z)
+        if len(z):
             # A motor at rest goes where it is pushed.
-            spin = self._compute_slope(x, push, torque, self.z)[3]
-            modes = np.where(np.where(x[3] == 0.0, spin, x[3]) < 0.0, -1, 1)
-            state = rigid_plant.RigidPlantState(q=x[2], dq=x[3], modes=tuple(modes.tolist()), bristles=self.z)
+            modes = np.where(np.where(x[3] == 0.0, k1[3], x[3]) < 0.0, -1, 1)
+            state = rigid_plant.RigidPlantState(q=x[2], dq=x[3], modes=tuple(modes.tolist()), bristles=z)
             bend = rigid_plant.BristleStride(self._bristles, state, h)
 
         def find_slope(y: FloatArray, passed: float) -> FloatArray:
             bent = z if bend is None else bend.move(y[2] - x[2], y[3])
             return self._compute_slope(y, self.compute_springs(y, memory, passed), torque, bent)
 
-        k1 = self._compute_slope(x, push, torque, z)
         k2 = find_slope(x + 0.5 * h * k1, 0.5 * h)
         k3 = find_slope(x + 0.5 * h * k2, 0.5 * h)
         k4 = find_slope(x + h * k3, h)
@@ -340,12 +326,10 @@ class _ElasticStepper:
         return after
 
     def bends(self, x: FloatArray, after: FloatArray, memory: FloatArray) -> bool:
-        if self._bristles is not None and bool(np.any((x[3] * after[3] < 0.0) & self._bristles.joints)):
-            return True
-        rates = (x[3] - x[1]) * (after[3] - after[1])
-        if self._reverses and bool(np.any(rates < 0.0)):
-            return True
-        return bool(self.springs.bends(x[2] - x[0], after[2] - after[0], memory))
+        turned = (x[3] * after[3] < 0.0) & self._bristles.joints
+        if self._reverses:
+            turned |= (x[3] - x[1]) * (after[3] - after[1]) < 0.0
+        return bool(np.any(turned)) or self.springs.bends(x[2] - x[0], after[2] - after[0], memory)
 
 
 def simulate_in_numpy(
@@ -386,40 +370,30 @@ def simulate_in_numpy(
     return PlantLog(**log, ticks=order.ticks)
 
 
-_SHARE = 0.5
-"""Of the time constant of the fastest motion; Runge-Kutta steps are stable up to 2.7 times it."""
-_SMALL = 1e-9
-_ROUNDING = 1e-9
-
-
-def simulate_plant(
-    library: Library,
-    robot: PlantRobot,
-    order: PlantExperiment,
-    elements: Elements | None = None,
-    *,
-    compiler: str | None = None,
-) -> rigid_plant.PlantRun[PlantLog]:
-    """Return the motion; a notice says where it was computed without a compiler (None: the first found)."""
+def find_code(
+    library: Library, robot: PlantRobot, elements: Elements | None = None
+) -> tuple[CompiledPlant | None, tuple[Notice, ...]]:
+    """Return the compiled plant and its notices, or None and a notice that says why not."""
     bends = any(spec.name == "friction_step" for spec in library.card.functions)
-    plant, notices = rigid_plant.find_compiled_plant(
+    return rigid_plant.find_compiled_plant(
         library,
         ("forward_dynamics", *(("friction",) if robot.friction.size else ())),
         "elastic",
         springs=() if elements is None else elements.springs,
         lacking="friction has a state" if bends else "",
-        compiler=compiler,
     )
-    if plant is None:
-        log = simulate_in_numpy(library, robot, order, elements)
-        return rigid_plant.PlantRun(log=log, backend="python", notices=notices)
-    return rigid_plant.PlantRun(log=plant.run(library, robot, order), backend="c", notices=notices)
 
 
-def count_substeps(
-    library: Library, values: ElasticValues, poses: FloatArray, *, period: float, step: float
-) -> int:
-    """Return the Runge-Kutta steps in a tick of `period` s, each of at most `step` s.
+def simulate_plant(
+    library: Library, robot: PlantRobot, order: PlantExperiment, elements: Elements | None = None
+) -> PlantLog:
+    """Return the motion, by the compiled plant where there is one."""
+    code, _ = find_code(library, robot, elements)
+    return code.run(library, robot, order) if code else simulate_in_numpy(library, robot, order, elements)
+
+
+def count_substeps(library: Library, values: ElasticValues, poses: FloatArray, period: float) -> int:
+    """Return the Runge-Kutta steps in a tick of `period` s, each of at most 0.1 ms.
 
     Fast springs, friction and damping at the poses (K, n), rad or m, shorten the steps.
     """
@@ -435,27 +409,17 @@ def count_substeps(
         speeds = _SMALL * np.vstack([np.eye(len(values.rotor)), -np.eye(len(values.rotor))])
         given = rigid_plant.gather_inputs(library.card, speeds)
         (drag,) = library.evaluate("friction", *given, values.friction)
-        bristles = rigid_plant.build_bristles(library, values.friction)
-        if bristles is not None:
-            drag = drag * ~bristles.joints
-            # Motors swing or settle on bristles.
-            rotor = values.rotor
-            stiffness = np.bincount(bristles.owner, bristles.stiffness, minlength=len(rotor))
-            slow, straight = np.full(len(rotor), _SMALL), np.zeros(len(bristles.owner))
-            offset = bristles.compute_torque(np.zeros(len(rotor)), straight)
-            damping = (bristles.compute_torque(slow, straight) - offset) / _SMALL
-            rate = max(rate, float(max(np.sqrt(stiffness / rotor).max(), np.max(damping / rotor))))
-        ahead, back = np.split(np.asarray(drag), 2)
+        bristles, rotor = rigid_plant.build_bristles(library, values.friction), values.rotor
+        ahead, back = np.split(drag * ~bristles.joints, 2)
         slope = np.diagonal(ahead - back) / (2.0 * _SMALL)
-        rate = max(rate, float(np.max(slope / values.rotor)))
-    longest = min(step, _SHARE / rate) if rate > 0.0 else step
+        # Motors swing or settle on bristles.
+        stiffness = np.bincount(bristles.owner, bristles.stiffness, minlength=len(rotor))
+        slow, straight = np.full(len(rotor), _SMALL), np.zeros(len(bristles.owner))
+        offset = bristles.compute_torque(np.zeros(len(rotor)), straight)
+        damping = (bristles.compute_torque(slow, straight) - offset) / _SMALL
+        rate = max(rate, float(np.max([np.sqrt(stiffness / rotor), damping / rotor, slope / rotor])))
+    longest = min(_LONGEST_STEP, _SHARE / rate) if rate > 0.0 else _LONGEST_STEP
     return max(1, math.ceil(period / longest - _ROUNDING))
-
-
-_GROWTH = 1.1
-_MOST_TRIALS = 400
-_BISECTIONS = 200
-_LEAST_TORSION = 1e-9
 
 
 def compute_rest(
@@ -492,8 +456,7 @@ def compute_rest(
 
 
 def _compute_virgin_play(robot: PlantRobot, phi: FloatArray) -> FloatArray:
-    play: FloatArray = np.sign(phi)[:, None] * np.maximum(np.abs(phi)[:, None] - robot.radius, 0.0)
-    return play
+    return np.asarray(np.sign(phi)[:, None] * np.maximum(np.abs(phi)[:, None] - robot.radius, 0.0))
 
 
 def _locate_torsion(compute_torque: Callable[[float], float], load: float, scale: float) -> float:

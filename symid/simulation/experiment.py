@@ -1,37 +1,49 @@
-"""An experiment: a rigid robot under PD control along a trajectory, logged like a real one; and its checks.
+"""Experiments: a robot under PD control along a trajectory, logged like a real one; and their checks.
 
-Robot, Library with values, ReferenceMotion, ExperimentOptions, random generator -> SimulationRun.
+Robot, Library with values, ReferenceMotion, ExperimentOptions, random generator -> SimulationRun, or
+ElasticRun of a robot with elastic joints. Robot whose file states all values, SimulateOptions -> its run.
 
-    tau = g(q_d(0)) + Kp (q_d - q_m) + Kd (dq_d - dq_f)    each period, held until the next
+    rigid    tau = g(q_d(0)) + Kp (q_d - q_m) + Kd (dq_d - dq_f)    each period, held until the next
+    elastic  tau = tau_d + Kp (theta_d - theta_m) + Kd (dtheta_d - dtheta)
+             J = mean of 1 / ((M + B)^-1)_jj,   Kd = 2 w J, at most a share of B / T,   Kp = Kd^2 / (4 J)
+             sum int tau_i dtheta_i = change of (T + V + 1/2 sum B_i dtheta_i^2)
+                                      + sum int F_i dtheta_i + tau_Ji dphi_i
 
-with q_m from the encoder and dq_f its low-passed difference; a robot file's controller may say otherwise. The
-logged torque at a sample is the mean of the torques before and after the tick, as a sensor averages it. The
-checks hold for elastic robots too. Sensors round positions to encoder steps, shift zeros, delay motor
-against link encoders (linear between true samples), and add white noise to torques, absolute or relative to
-a joint's RMS.
+with q_m, theta_m from encoders, dq_f the low-passed difference of q_m, and dtheta the true motor speed; the
+controller of a rigid robot's file may say otherwise. By default theta_d = q_d + phi_0 and tau_d = g(q_d(0)),
+phi_0 being the torsion under the weight at the first pose. A torque held for T damps a motor of inertia B
+only while Kd T / B < 2. The logged torque of a rigid robot at a sample is the mean of the torques before and
+after the tick, as a sensor averages it; that of an elastic one holds from the sample on. Sensors round
+positions to encoder steps, shift zeros, delay motor against link encoders (linear between true samples), and
+add white noise to torques, absolute or relative to a joint's RMS.
 
-Supported: joint PD, torque limits of the robot file.
-Not supported: further feed-forward, motor-side logs, elastic joints (see `elastic_experiment`), collisions;
-coloured noise, eccentric encoders, delays that vary.
+Supported: joint PD with own gains, sensors, references and values; torque limits of the robot file.
+Not supported: further feed-forward, motor-side logs of rigid robots, control on link encoders, robots that
+are elastic in part, collisions; coloured noise, eccentric encoders, delays that vary.
 """
 
-import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
 import scipy
+from numpy.random import Generator
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, freeze
-from symid.codegen import Library, RigidExperiment
-from symid.errors import Notice, SolverError, UsageError
+from symid.codegen import Library, PlantExperiment, RigidExperiment
+from symid.errors import Notice, RobotError, SolverError, UsageError
 from symid.excitation import ReferenceMotion
+from symid.joint_models import NO_FRICTION
 from symid.logs import Recording
-from symid.robot import Controller, JointKind, Robot
+from symid.options import SimulateOptions
+from symid.robot import Controller, Coupling, Joint, JointKind, Robot
+from symid.simulation import elastic_plant
 from symid.simulation.rigid_plant import (
     RigidPlant,
+    build_curved_friction,
     check_friction_at_speeds,
+    gather_inputs,
     quantise,
     simulate_rigid_plant,
 )
@@ -60,39 +72,32 @@ class SensorOptions:
     relative_noise: tuple[float, ...] = (0.0,)
 
 
-def check_sensors(sensors: SensorOptions, size: int) -> None:
-    """Refuse numbers out of range, or not as many as the `size` joints."""
-    mistakes = []
-    for name, value in asdict(sensors).items():
-        if "counts" in name and value is not None and not 0.0 < value < math.inf:
-            mistakes.append(("counts", f"{name}: must be positive and finite, got {value:g}"))
-        if name == "delay" and not math.isfinite(value):
-            mistakes.append(("delay", f"delay: must be finite, got {value:g} s"))
-        kind = name.rpartition("_")[2]
-        if kind in {"offset", "noise"}:
-            low, rule = (-math.inf, "finite") if kind == "offset" else (0.0, "finite and not negative")
-            if len(value) not in {1, size} or not all(math.isfinite(one) and one >= low for one in value):
-                expected = f"expected one number for all joints or {size} numbers, {rule}"
-                mistakes.append((kind, f"{name}: {expected}; got {value}"))
-    if mistakes:
-        raise UsageError(*(Notice(code=f"usage.sensor-{kind}", text=text) for kind, text in mistakes))
-
-
 def get_encoder_turns(robot: Robot) -> FloatArray:
     """Return how far (n,) an encoder with one count turns: 2 pi rad, or 1 m of a prismatic joint."""
     return np.array([1.0 if joint.kind is JointKind.PRISMATIC else 2.0 * np.pi for joint in robot.axes])
 
 
-def add_torque_noise(torque: FloatArray, sensors: SensorOptions, rng: np.random.Generator) -> FloatArray:
+def add_torque_noise(torque: FloatArray, sensors: SensorOptions, rng: Generator) -> FloatArray:
     """Return `torque` (N, n) with white noise; absolute and relative noise are independent sources."""
     relative = np.array(sensors.relative_noise) * np.sqrt((torque**2).mean(axis=0))
     deviation = np.hypot(np.array(sensors.torque_noise), relative)
-    noisy: FloatArray = torque + deviation * rng.normal(size=torque.shape)
-    return noisy
+    return np.asarray(torque + deviation * rng.normal(size=torque.shape))
 
 
-BANDWIDTH, PERIOD, _VELOCITY_FILTER = 12.0, 1e-3, 150.0
+_BANDWIDTH, _PERIOD, _VELOCITY_FILTER = 12.0, 1e-3, 150.0
 """Hz, s and Hz, of control where nobody states them."""
+_MARGIN = 1.25
+"""Factor on the gains with which every sampled loop must still be stable."""
+_LOWER, _LEAST_BANDWIDTH = 0.8, 0.1
+"""Factor on a bandwidth that is too high, and the least one, Hz."""
+_SHIPPED_GAINS = {"two_link_elastic": ((4000.0, 1500.0), (120.0, 40.0))}
+"""Kp and Kd of shipped robots, by name."""
+_DAMPING_SHARE, _PARTS = 0.4, 16
+"""Of B / T, and into how many parts a step is cut where a spring changes its slope."""
+_NOISE = 0.05
+"""N m or N, of rigid robots; elastic ones have noise in proportion to their torques."""
+_NEAR_ENOUGH = (1.0, 0.5)
+"""Rad and m by which a joint may miss its reference, however little it is asked to move."""
 _RUNAWAY = 1e4
 """Rad or m: largest position of a joint without limits."""
 _FAR = 10.0
@@ -105,26 +110,50 @@ _REMEDY = (
 )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExperimentOptions:
+    """How an experiment is run; times in s, frequencies in Hz.
+
+    Args:
+        duration: None for the trajectory's own.
+        period: of control and log.
+        bandwidth: of gains with critical damping at the joint's effective inertia; None for 12 Hz, or less
+            where the sampled loops would not be stable, or for the gains of a shipped elastic robot.
+        stiffness, damping: Kp, Kd of each joint in place of gains by bandwidth; both, or none, of motors.
+        sensors: what controller and log read; of an elastic robot the controller reads the motors' alone.
+        controller: of a rigid robot, its gains, where neither they nor a bandwidth are given, and its filter;
+            a constant torque that it does not state is the weight at the first pose.
+    """
+
+    duration: float | None = None
+    period: float = _PERIOD
+    bandwidth: float | None = None
+    stiffness: tuple[float, ...] | None = None
+    damping: tuple[float, ...] | None = None
+    sensors: SensorOptions = field(default_factory=SensorOptions)
+    controller: Controller | None = None
+
+
 def build_times(
     robot: Robot,
     library: Library,
     trajectory: ReferenceMotion,
-    *,
-    duration: float | None,
-    period: float,
-    gains: Mapping[str, tuple[float, ...] | None],
+    options: ExperimentOptions,
+    gains: Sequence[tuple[float, ...] | None],
 ) -> FloatArray:
-    """Return the control ticks (N,) in s, or raise a UsageError with all sizes and times that do not fit."""
-    size = robot.freedom
-    problems = []
+    """Return the control ticks (N,) in s, or raise a UsageError with all sizes and times that do not fit.
+
+    `gains` are Kp and Kd, None where they are still to be found.
+    """
+    size, problems = robot.freedom, []
     if trajectory.size != size or library.card.size != size:
         problems.append(
             f"the robot has {size} joints, the trajectory {trajectory.size}, the library {library.card.size}"
         )
-    for name, values in gains.items():
+    for name, values in zip(("stiffness", "damping"), gains, strict=True):
         if values is not None and len(values) != size:
             problems.append(f"{name}: {len(values)} numbers for {size} joints")
-    duration = trajectory.duration if duration is None else duration
+    duration, period = trajectory.duration if options.duration is None else options.duration, options.period
     finite = np.isfinite(duration) and np.isfinite(period)
     if not (finite and period > 0.0 and duration >= 2.0 * period):
         problems.append(
@@ -134,6 +163,11 @@ def build_times(
     if problems:
         raise UsageError(*(Notice(code="usage.experiment", text=text) for text in problems))
     return freeze(np.arange(round(duration / period) + 1) * period)
+
+
+def pick_poses(desired: FloatArray) -> FloatArray:
+    """Return 50 poses of a motion (N, n), its first and its last one included."""
+    return desired[np.linspace(0, len(desired) - 1, 50).astype(np.int64)]
 
 
 def compute_inertias(robot: Robot, mass: FloatArray) -> FloatArray:
@@ -157,46 +191,44 @@ def compute_reach(robot: Robot, desired: FloatArray) -> FloatArray:
     """Return the positions (n,) beyond which a joint is out of control; `desired` (N, n), rad or m."""
     bounds = [joint.limits.position for joint in robot.axes]
     reach = np.array([_FAR * max(map(abs, bound)) if bound else _RUNAWAY for bound in bounds])
-    furthest: FloatArray = np.maximum(reach, 2.0 * np.abs(desired).max(axis=0))
-    return furthest
+    return np.asarray(np.maximum(reach, 2.0 * np.abs(desired).max(axis=0)))
 
 
 def check_balance(
-    kinetic: FloatArray, potential: FloatArray, work: FloatArray, dissipation: FloatArray
-) -> None:
-    """Refuse a run that is not finite, or whose energy balance does not close; (N,) J each."""
-    energy = kinetic + potential
+    kinetic: FloatArray, potential: FloatArray, stored: FloatArray, work: FloatArray, lost: FloatArray
+) -> tuple[FloatArray, float]:
+    """Return by what the energy balance of a run fails, or refuse it if that is too much or not finite.
+
+    All are (N,) J, work and losses since the start; `stored` is in bristles or rotors. Beside the gap stands
+    the largest one, relative to the most work done.
+    """
+    energy = kinetic + potential + stored
     change = energy - energy[0]
-    gap = float(np.abs(work - change - dissipation).max())
-    largest = max(float(np.abs(part).max()) for part in (work, kinetic, change, dissipation))
+    gap: FloatArray = work - change - lost
+    largest = max(float(np.abs(part).max()) for part in (work, kinetic + stored, change, lost))
     # Rounding of the potential is no gap.
-    scale = largest + 1e-6 * float(np.abs(potential).max())
-    if not np.isfinite(gap + scale):
+    scale, most = largest + 1e-6 * float(np.abs(potential).max()), float(np.abs(gap).max())
+    if not np.isfinite(most + scale):
         text = f"the simulated run has values that are not finite; {_REMEDY}"
         raise SolverError(Notice(code="simulate.not-finite", text=text))
-    if gap > _LARGEST_GAP * scale:
+    if most > _LARGEST_GAP * scale:
         text = (
-            f"the energy balance of the run has a relative error of {gap / scale:.2g} (allowed "
+            f"the energy balance of the run has a relative error of {most / scale:.2g} (allowed "
             f"{_LARGEST_GAP:g}): the motion is too fast for the integration steps; {_REMEDY}"
         )
         raise SolverError(Notice(code="simulate.energy", text=text))
+    return gap, most / max(float(np.abs(work).max()), float(np.finfo(np.float64).tiny))
 
 
 def describe_saturation(robot: Robot, torque: FloatArray, limit: FloatArray) -> tuple[Notice, ...]:
     """Return a notice for each joint that reached its limit (n,) with `torque` (N, n)."""
-    share = np.mean(np.abs(torque) >= limit, axis=0)
-    return tuple(
-        Notice(
-            code="simulate.saturation",
-            text=f"joint {joint.name!r} was at its torque limit during {100 * part:.1f} % of the run",
-        )
-        for joint, part in zip(robot.axes, share.tolist(), strict=True)
-        if part
+    shares = zip(robot.axes, np.mean(np.abs(torque) >= limit, axis=0).tolist(), strict=True)
+    texts = (
+        f"joint {joint.name!r} was at its torque limit during {100 * share:.1f} % of the run"
+        for joint, share in shares
+        if share
     )
-
-
-_NEAR_ENOUGH = (1.0, 0.5)
-"""Rad and m by which a joint may miss its reference, however little it is asked to move."""
+    return tuple(Notice(code="simulate.saturation", text=text) for text in texts)
 
 
 def check_following(
@@ -248,49 +280,16 @@ def describe_runaway(
     return Notice(code="simulate.unstable", text=text)
 
 
-_GAIN_SAMPLES = 50
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExperimentOptions:
-    """How an experiment is run; times in s, frequencies in Hz.
-
-    Args:
-        duration: None for the trajectory's own.
-        period: of control and log.
-        bandwidth: of gains with critical damping at the joint's effective inertia; None for 12 Hz, or less
-            where the sampled loops would not be stable, or for the gains of a shipped elastic robot.
-        stiffness, damping: Kp, Kd of each joint in place of gains by bandwidth; both, or none, of motors.
-        sensors: what controller and log read.
-        controller: of a rigid robot, its gains, where neither they nor a bandwidth are given, and its filter;
-            a constant torque that it does not state is the weight at the first pose.
-        step: longest Runge-Kutta step of an elastic robot; fast springs shorten it. parts: into which it is
-            cut where a spring changes its slope.
-        control_counts: of the motor encoders in the loop, per turn; None for perfect ones.
-    """
-
-    duration: float | None = None
-    period: float = PERIOD
-    bandwidth: float | None = None
-    stiffness: tuple[float, ...] | None = None
-    damping: tuple[float, ...] | None = None
-    sensors: SensorOptions = field(default_factory=SensorOptions)
-    controller: Controller | None = None
-    step: float = 1e-4
-    parts: int = 16
-    control_counts: float | None = None
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SimulationRun(FrozenArrays):
     """A recording and the truth behind it.
 
     Args:
         recording: the log.
-        q, dq: (N, n) true states. desired: (N, n) reference positions. torque: (N, n) held from
-            each sample to the next; the last row repeats the one before.
-        kinetic, potential, work, dissipation: (N,) J; work and dissipation since the start.
-        stored: (N,) J, in bristles of friction.
+        q, dq: (N, n) true states. torque: (N, n) held from each sample to the next; the last row repeats the
+            one before.
+        work, dissipation: (N,) J since the start.
+        energy_gap: the largest |work - change of energy - dissipation|, relative to the most work done.
         events: how often a joint came to rest or turned.
         controller: what the robot was controlled by. backend: "c" or "python", of the plant.
     """
@@ -298,31 +297,17 @@ class SimulationRun(FrozenArrays):
     recording: Recording
     q: FloatArray
     dq: FloatArray
-    desired: FloatArray
     torque: FloatArray
-    kinetic: FloatArray
-    potential: FloatArray
     work: FloatArray
     dissipation: FloatArray
-    stored: FloatArray
+    energy_gap: float
     events: int
     controller: Controller
     backend: str
 
-    @property
-    def energy_gap(self) -> float:
-        """Return the largest |work - change of energy - dissipation|, relative to the most work done."""
-        energy = self.kinetic + self.potential + self.stored
-        gap = np.abs(self.work - (energy - energy[0]) - self.dissipation)
-        return float(gap.max() / max(float(np.abs(self.work).max()), np.finfo(np.float64).tiny))
-
 
 def simulate_experiment(
-    robot: Robot,
-    library: Library,
-    trajectory: ReferenceMotion,
-    options: ExperimentOptions,
-    rng: np.random.Generator,
+    robot: Robot, library: Library, trajectory: ReferenceMotion, options: ExperimentOptions, rng: Generator
 ) -> SimulationRun:
     """Return the run of `robot` along `trajectory`, from rest at its start.
 
@@ -334,24 +319,13 @@ def simulate_experiment(
     """
     names = [joint.name for joint, elastic in zip(robot.axes, robot.elastic, strict=True) if elastic]
     if names:
-        text = (
-            f"robot {robot.name!r} has elastic joints ({', '.join(names)}); simulate it as an elastic robot"
-        )
+        named = f"robot {robot.name!r} has elastic joints ({', '.join(names)})"
+        text = f"{named}; simulate it as an elastic robot"
         raise UsageError(Notice(code="usage.elastic-robot", text=text))
     known = options.controller or options
-    times = build_times(
-        robot,
-        library,
-        trajectory,
-        duration=options.duration,
-        period=options.period,
-        gains={
-            "stiffness": options.stiffness or known.stiffness,
-            "damping": options.damping or known.damping,
-        },
-    )
+    gains = (options.stiffness or known.stiffness, options.damping or known.damping)
+    times = build_times(robot, library, trajectory, options, gains)
     plant = RigidPlant(library, speeds=get_limits(robot, "velocity"))
-    check_sensors(options.sensors, robot.freedom)
     encoder = get_encoder_turns(robot) / (options.sensors.counts_per_turn or np.inf)
     desired, speeds, _ = trajectory.evaluate(times)
     law, bandwidth, notices = _complete_controller(robot, library, plant, desired, options)
@@ -375,31 +349,24 @@ def simulate_experiment(
         velocity=np.zeros(plant.size),
     )
     while True:
-        ran = simulate_rigid_plant(library, plant, order)
-        log = ran.log
+        log = simulate_rigid_plant(library, plant, order)
         if log.end == "away":
             far = np.abs(log.q[-1] - desired[len(log.q) - 1])
             gone = ~((far < order.reach) & np.isfinite(log.dq[-1]))
             raise SolverError(describe_runaway(robot, gone, len(log.q) - 1, order.period, bandwidth))
-        kinetic, potential = (
-            part.reshape(-1) for part in library.evaluate("energy", log.q, log.dq, plant.beta)
-        )
-        stored = np.zeros(len(log.q))
-        if plant.bristles is not None:
-            stored = plant.bristles.compute_energy(log.z)
+        kinetic, potential = map(np.ravel, library.evaluate("energy", log.q, log.dq, plant.beta))
+        stored = plant.bristles.compute_energy(log.z)
         try:
-            check_balance(kinetic, potential, log.work, log.lost + stored)
+            _, energy_gap = check_balance(kinetic, potential, stored, log.work, log.lost)
+            break
         except SolverError:
             if order.controlled or plant.is_checked:
                 raise
             # Steps as long as their error allows.
             order = replace(order, controlled=True)
-        else:
-            break
     check_friction_at_speeds(plant.friction, library.card.joints, log.dq)
     torque = np.concatenate([log.torque[:-1], log.torque[-2:-1]])
-    poses = desired[np.linspace(0, len(desired) - 1, _GAIN_SAMPLES).astype(np.int64)]
-    weight = np.abs([plant.compute_weight(pose) for pose in poses]).max(axis=0)
+    weight = np.abs([plant.compute_weight(pose) for pose in pick_poses(desired)]).max(axis=0)
     check_following(robot, log.q, desired, torque, weight)
     # The mean of the torques before and after each tick; nothing was held before the first.
     logged = torque.copy()
@@ -412,31 +379,23 @@ def simulate_experiment(
             reference=desired,
             reference_velocity=speeds,
             source=f"simulated: {robot.name}, {trajectory.source}",
-            notices=(*notices, *ran.notices, *describe_saturation(robot, torque, order.limit)),
+            notices=(*notices, *plant.notices, *describe_saturation(robot, torque, order.limit)),
         ),
         q=log.q,
         dq=log.dq,
-        desired=desired,
         torque=torque,
-        kinetic=kinetic,
-        potential=potential,
         work=log.work,
         dissipation=log.lost,
-        stored=stored,
+        energy_gap=energy_gap,
         events=log.events,
         controller=law,
-        backend=ran.backend,
+        backend="python" if plant.code is None else "c",
     )
 
 
 def _compute_blend(law: Controller, period: float) -> float:
     cutoff = law.velocity_filter
     return 1.0 if cutoff is None else 1.0 - float(np.exp(-2.0 * np.pi * cutoff * period))
-
-
-_MARGIN = 1.25
-"""Factor on the gains with which every sampled loop must still be stable."""
-_LOWER, _LEAST_BANDWIDTH = 0.8, 0.1
 
 
 def _is_stable(plant: RigidPlant, mass: FloatArray, law: Controller, period: float) -> bool:
@@ -462,8 +421,7 @@ def _complete_controller(
     robot: Robot, library: Library, plant: RigidPlant, desired: FloatArray, options: ExperimentOptions
 ) -> tuple[Controller, float | None, tuple[Notice, ...]]:
     """Return the law, its bandwidth (None of stated gains) and notices; others are of critical damping."""
-    poses = desired[np.linspace(0, len(desired) - 1, _GAIN_SAMPLES).astype(np.int64)]
-    (mass,) = library.evaluate("mass_matrix", poses, plant.beta)
+    (mass,) = library.evaluate("mass_matrix", pick_poses(desired), plant.beta)
     inertias = compute_inertias(robot, mass)
     given = options.controller or Controller(stiffness=(), damping=(), velocity_filter=_VELOCITY_FILTER)
     weight = tuple(plant.compute_weight(desired[0]).tolist())
@@ -482,7 +440,7 @@ def _complete_controller(
         return replace(law, stiffness=stiffness, damping=damping), None, ()
     # J is the mean effective inertia. Where these sampled loops are not stable along the motion, J is the
     # lowest one, viscous friction D adds w D to Kp, and w is lowered until they are.
-    bandwidth, lowest = options.bandwidth or BANDWIDTH, inertias.min(axis=0)
+    bandwidth, lowest = options.bandwidth or _BANDWIDTH, inertias.min(axis=0)
     first = build(bandwidth, inertias.mean(axis=0), np.zeros(plant.size))
     if options.stiffness and options.damping:
         return first, None, ()
@@ -490,18 +448,16 @@ def _complete_controller(
         return first, bandwidth, ()
     viscous = plant.friction.viscous[1:].min(axis=0)
     found = build(bandwidth, lowest, viscous)
-    while options.bandwidth is None and not _is_stable(plant, mass, found, options.period):
+    while not (stable := _is_stable(plant, mass, found, options.period)) and options.bandwidth is None:
         bandwidth *= _LOWER
         if bandwidth < _LEAST_BANDWIDTH:
-            return first, BANDWIDTH, ()
+            return first, _BANDWIDTH, ()
         found = build(bandwidth, lowest, viscous)
-    stable = options.bandwidth is None or _is_stable(plant, mass, found, options.period)
-    asked = options.bandwidth or BANDWIDTH
+    asked = options.bandwidth or _BANDWIDTH
     joint = int(np.argmax(inertias.max(axis=0) / lowest))
     (before, after), name = ([law.stiffness[joint] for law in (first, found)], robot.axes[joint].name)
-    change = (
-        f"was lowered from {asked:g} Hz to {bandwidth:.3g} Hz" if bandwidth < asked else f"is {asked:g} Hz"
-    )
+    lowered = f"was lowered from {asked:g} Hz to {bandwidth:.3g} Hz"
+    change = lowered if bandwidth < asked else f"is {asked:g} Hz"
     result = "at which the loops are stable at all poses of the motion"
     if not stable:
         result = "at which the loops may be unstable all the same at some pose of the motion"
@@ -512,5 +468,291 @@ def _complete_controller(
         f"is {after:.3g} instead of {before:.3g} N m/rad or N/m. A shorter --period allows more; --bandwidth "
         "or --stiffness and --damping set other gains"
     )
-    notice = Notice(code="simulate.bandwidth", text=text)
-    return found, bandwidth, (notice,)
+    return found, bandwidth, (Notice(code="simulate.bandwidth", text=text),)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MotorReference(FrozenArrays):
+    """Reference of the motors: `angle`, `speed`, `torque`, each (N, n) at the ticks, joint side, SI units."""
+
+    angle: FloatArray
+    speed: FloatArray
+    torque: FloatArray
+
+
+def build_clean_options() -> ExperimentOptions:
+    """Return the options of a clean experiment: 5 kHz, nothing rounded, no noise."""
+    return ExperimentOptions(period=2e-4, sensors=SensorOptions(counts_per_turn=None))
+
+
+def build_noisy_options() -> ExperimentOptions:
+    """Return the options of a noisy experiment: 1 kHz, 20 bit encoders, 2 % torque noise."""
+    counts = 2.0**20
+    sensors = SensorOptions(motor_counts=counts, counts_per_turn=counts, relative_noise=(0.02,))
+    return ExperimentOptions(sensors=sensors)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ElasticRun(FrozenArrays):
+    """A recording and the truth behind it; position of links q, of motors theta, both joint side.
+
+    Args:
+        recording: the log; `position` is that of the links.
+        q, dq, theta, dtheta: (N, n) true. desired: (N, n) reference of the links.
+        torque: (N, n) of the motors, held from each sample to the next; the last one did nothing.
+        joint_torque: tau_J (N, n).
+        friction: (N, n) J since the start, into that of the motors (lost, and stored in bristles).
+        gap: (N,) J, work less change of energy and losses since the start; energy_gap: the largest |gap|,
+            relative to the most work done.
+        turn: (n,) of an encoder with one count: 2 pi rad or 1 m.
+        values: of all parameters. backend: "c" or "python".
+    """
+
+    recording: Recording
+    q: FloatArray
+    dq: FloatArray
+    theta: FloatArray
+    dtheta: FloatArray
+    desired: FloatArray
+    torque: FloatArray
+    joint_torque: FloatArray
+    friction: FloatArray
+    gap: FloatArray
+    energy_gap: float
+    turn: FloatArray
+    values: elastic_plant.ElasticValues
+    backend: str
+
+    @property
+    def phi(self) -> FloatArray:
+        """Return the true torsion (N, n), rad or m."""
+        return self.theta - self.q
+
+
+def observe(run: ElasticRun, sensors: SensorOptions, rng: Generator) -> Recording:
+    """Return another log of the same run, whose motion stays."""
+    time = run.recording.time
+
+    def read(
+        position: FloatArray, late: float, offset: tuple[float, ...], counts: float | None
+    ) -> FloatArray:
+        if late > 0.0:
+            # The robot rested before the first sample.
+            position = np.stack([np.interp(time - late, time, column) for column in position.T], axis=1)
+        return quantise(position + np.array(offset), run.turn / (counts or np.inf))
+
+    return Recording(
+        time=time,
+        position=read(run.q, sensors.delay, sensors.link_offset, sensors.counts_per_turn),
+        motor_position=read(run.theta, -sensors.delay, sensors.motor_offset, sensors.motor_counts),
+        torque=add_torque_noise(run.torque, sensors, rng),
+        source=run.recording.source,
+        notices=run.recording.notices,
+    )
+
+
+def simulate_elastic(
+    robot: Robot,
+    library: Library,
+    trajectory: ReferenceMotion,
+    options: ExperimentOptions,
+    rng: Generator,
+    *,
+    values: elastic_plant.ElasticValues | None = None,
+    reference: MotorReference | None = None,
+) -> ElasticRun:
+    """Return the run of an elastic robot along `trajectory`, from rest at its start.
+
+    `robot` has names and limits, `library` functions of its links; `rng` is of the torque noise. `values` are
+    the truth (None: the robot file's), `reference` that of the motors at the ticks (None: the trajectory,
+    shifted by the first torsion).
+
+    Raises:
+        UsageError: sizes that do not fit, a value that the robot file does not state, options out of range.
+        SolverError: the controlled robot is unstable, is not held near its reference, or its springs do not
+            carry it.
+    """
+    stated = values or elastic_plant.get_elastic_values(robot, library.card)
+    gains: tuple[tuple[float, ...], tuple[float, ...]] | None = _SHIPPED_GAINS.get(robot.name)
+    if options.stiffness is not None and options.damping is not None:
+        gains = (options.stiffness, options.damping)
+    elif options.bandwidth is not None or (gains and len(gains[0]) != robot.freedom):
+        # Another robot may have the name of a shipped one.
+        gains = None
+    time = build_times(robot, library, trajectory, options, gains or (None, None))
+    desired, speed = trajectory.evaluate(time, 1)
+    # Values that are tried, and not a robot's own, may have friction that drives a joint.
+    curves = None if values else build_curved_friction(library, get_limits(robot, "velocity"))
+    pose = desired[:1]
+    weight = library.evaluate("gravity", pose, stated.beta)[0][0]
+    hold = weight
+    if stated.friction.size:
+        still = gather_inputs(library.card, np.zeros_like(pose), pose, weight[None])
+        hold = weight + library.evaluate("friction", *still, stated.friction)[0][0]
+    plant = elastic_plant.build_plant_robot(stated)
+    elements = elastic_plant.build_elements(stated)
+    phi, play = elastic_plant.compute_rest(plant, weight, tuple(joint.name for joint in robot.axes), elements)
+    # Motors follow the trajectory shifted by the first torsion, and carry the weight.
+    torque = np.broadcast_to(hold, desired.shape)
+    followed = reference or MotorReference(angle=desired + phi, speed=speed, torque=torque)
+    poses = pick_poses(desired)
+    (mass,) = library.evaluate("mass_matrix", poses, stated.beta)
+    compute_inertias(robot, mass)
+    bandwidth = None if gains else options.bandwidth or _BANDWIDTH
+    if gains is None:
+        # Critically damped joints; a motor's torque holds for a period.
+        inertia = compute_inertias(robot, mass + np.diag(stated.rotor)).mean(axis=0)
+        damping = 4.0 * np.pi * (bandwidth or 0.0) * inertia
+        damping = np.minimum(damping, _DAMPING_SHARE * stated.rotor / options.period)
+        stiffness = damping**2 / (4.0 * inertia)
+    else:
+        stiffness, damping = map(np.array, gains)
+    turn = get_encoder_turns(robot)
+    order = PlantExperiment(
+        angle=followed.angle,
+        speed=followed.speed,
+        torque=followed.torque,
+        stiffness=stiffness,
+        damping=damping,
+        limit=get_limits(robot, "torque"),
+        step=turn / (options.sensors.motor_counts or np.inf),
+        period=options.period,
+        substeps=elastic_plant.count_substeps(library, stated, poses, options.period),
+        parts=_PARTS,
+        q=desired[0],
+        theta=desired[0] + phi,
+        play=play,
+    )
+    code, notices = elastic_plant.find_code(library, plant, elements)
+    log = elastic_plant.simulate_plant(library, plant, order, elements)
+    # Whether it went out of control.
+    reach = compute_reach(robot, desired)
+    lost = ~((np.abs(log.q) < reach) & (np.abs(log.theta) < reach))
+    lost[log.ticks :] = True
+    if np.any(lost):
+        tick = int(np.flatnonzero(np.any(lost, axis=1))[0])
+        raise SolverError(describe_runaway(robot, lost[tick], tick, options.period, bandwidth))
+    if not (values or reference):
+        poses = desired[:: max(1, len(desired) // 50)]
+        loads = np.abs(library.evaluate("gravity", poses, stated.beta)[0]).max(axis=0)
+        check_following(robot, log.q, desired, log.torque, loads)
+    if curves:
+        check_friction_at_speeds(curves, library.card.joints, log.dtheta)
+    kinetic, potential = map(np.ravel, library.evaluate("energy", log.q, log.dq, stated.beta))
+    spin, work = 0.5 * (stated.rotor * log.dtheta**2).sum(axis=1), log.work.sum(axis=1)
+    losses = (log.friction + (log.elastic + log.damped)).sum(axis=1)
+    gap, energy_gap = check_balance(kinetic, potential, spin, work, losses)
+    run = ElasticRun(
+        recording=Recording(
+            time=time,
+            position=log.q,
+            motor_position=log.theta,
+            torque=log.torque,
+            source=f"simulated: {robot.name}, {trajectory.source}",
+            notices=(*notices, *describe_saturation(robot, log.torque, order.limit)),
+        ),
+        q=log.q,
+        dq=log.dq,
+        theta=log.theta,
+        dtheta=log.dtheta,
+        desired=desired,
+        torque=log.torque,
+        joint_torque=log.spring,
+        friction=log.friction,
+        gap=gap,
+        energy_gap=energy_gap,
+        turn=turn,
+        values=stated,
+        backend="python" if code is None else "c",
+    )
+    return replace(run, recording=observe(run, options.sensors, rng))
+
+
+def check_sensor_options(robot: Robot, sensors: SimulateOptions) -> None:
+    """Refuse, by a UsageError, a delay or an offset between encoders for a robot without elastic joints."""
+    if not any(robot.elastic) and (sensors.delay or sensors.offset):
+        text = (
+            f"--delay and --offset are between motor and link encoders, and {robot.name} has no elastic "
+            "joint; leave them out"
+        )
+        raise UsageError(Notice(code="usage.rigid-sensors", text=text))
+
+
+def simulate_log(
+    robot: Robot, library: Library, motion: ReferenceMotion, options: SimulateOptions, rng: Generator
+) -> tuple[SimulationRun | ElasticRun, Mapping[str, object]]:
+    """Return the run of a robot with all values under PD control along `motion`; `rng` is of the noise.
+
+    Beside it, in plain types, the noise, the controller of a rigid robot, the torsion of an elastic one.
+    """
+    texts = []
+    if (options.stiffness is None) != (options.damping is None):
+        texts.append("give --stiffness and --damping together, one number for each joint")
+    if options.bandwidth is not None and options.stiffness is not None:
+        texts.append("--bandwidth is that of gains that follow from the inertia; give it or the gains")
+    for name in ("stiffness", "damping"):
+        values = getattr(options, name) or ()
+        if not all(0.0 <= value < np.inf for value in values):
+            texts.append(f"--{name}: expected finite numbers of 0 or more, got {values}")
+    if texts:
+        raise UsageError(*(Notice(code="usage.gains", text=text) for text in texts))
+    elastic = build_clean_options() if options.clean else build_noisy_options()
+    order = replace(
+        elastic if any(robot.elastic) else ExperimentOptions(controller=robot.controller),
+        bandwidth=options.bandwidth,
+        stiffness=None if options.stiffness is None else tuple(map(float, options.stiffness)),
+        damping=None if options.damping is None else tuple(map(float, options.damping)),
+    )
+    order = replace(order, period=options.control_period or order.period)
+    if not any(robot.elastic):
+        noise = 0.0 if options.clean else _NOISE if options.noise is None else options.noise
+        sensors = elastic.sensors if options.clean else SensorOptions(torque_noise=(noise,))
+        run = simulate_experiment(robot, library, motion, replace(order, sensors=sensors), rng)
+        return run, {"noise": noise, "controller": asdict(run.controller)}
+    sensors = replace(order.sensors, delay=options.delay, link_offset=(options.offset,))
+    if options.noise is not None and not options.clean:
+        sensors = replace(sensors, torque_noise=(options.noise,), relative_noise=(0.0,))
+    found = simulate_elastic(robot, library, motion, replace(order, sensors=sensors), rng)
+    return found, {
+        "noise": sensors.torque_noise[0],
+        "relative_noise": sensors.relative_noise[0],
+        "delay": options.delay,
+        "offset": options.offset,
+        "largest_torsion": abs(found.phi).max(axis=0).tolist(),
+    }
+
+
+def _list_gaps(part: Joint | Coupling) -> Iterator[str]:
+    """Yield the values that a joint or a coupling does not state."""
+    if isinstance(part, Coupling):
+        if part.has_rotor and part.rotor_inertia is None:
+            yield "the rotor_inertia"
+    else:
+        if part.inertial is None:
+            yield "[joint.link] mass, com and inertia"
+        if part.drive.has_rotor and part.drive.rotor_inertia is None:
+            yield "the rotor_inertia of [joint.drive]"
+        if part.spring is not None and None in (part.spring.stiffness, part.spring.rest):
+            yield "stiffness and rest of [joint.spring]"
+        if part.elasticity is not None and part.elasticity.initial_stiffness is None:
+            yield "the stiffness of [joint.elasticity] and of its stops"
+        if part.elasticity is not None and not part.drive.has_rotor:
+            yield "the rotor_inertia of [joint.drive], which an elastic joint needs"
+    if part.friction.law != NO_FRICTION and part.friction.values is None:
+        yield f"the values of friction {part.friction.law}"
+
+
+def check_stated_values(robot: Robot) -> None:
+    """Refuse a robot that cannot be simulated before minutes go into its derivation.
+
+    Raises:
+        RobotError: its file lacks values.
+        UsageError: only some of its joints are elastic.
+    """
+    if any(robot.elastic):
+        elastic_plant.refuse_rigid_joints(robot)
+    lacking = [f"joint '{joint.name}': {gap}" for joint in robot.joints for gap in _list_gaps(joint)]
+    lacking += [f"coupling '{one.name}': {gap}" for one in robot.couplings for gap in _list_gaps(one)]
+    if lacking:
+        text = f"cannot be simulated, these values are not stated: {'; '.join(lacking)}"
+        raise RobotError(Notice(code="robot.no-values", text=text, file=robot.path))

@@ -163,7 +163,6 @@ def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> Rig
         acceleration = (force - friction) / rig.mass
         return [velocity, acceleration, rate, memory_rate, force * velocity, loss, force, friction]
 
-    reason = ""
     with np.errstate(all="ignore"):
         try:
             solved = scipy.integrate.solve_ivp(
@@ -176,14 +175,12 @@ def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> Rig
                 atol=options.tolerance * scales,
                 max_step=options.substep or 10.0 / options.rate,
             )
-            if not solved.success or not np.all(np.isfinite(solved.y)):
-                reason = str(solved.message)
+            reason = "" if solved.success and np.all(np.isfinite(solved.y)) else str(solved.message)
         except OverflowError:
             reason = "the motion grew without bound"
     if reason:
-        text = (
-            f"the rig of {rig.law.name!r} could not be simulated: {reason}; lower the gains or the tolerance"
-        )
+        failed = f"the rig of {rig.law.name!r} could not be simulated: {reason}"
+        text = f"{failed}; lower the gains or the tolerance"
         raise SolverError(Notice(code="simulate.friction-rig", text=text))
     position, velocity, deflection, _, work, loss = solved.y
     found = np.array([compute_rates(at, x) for at, x in zip(time.tolist(), solved.y.T, strict=True)])

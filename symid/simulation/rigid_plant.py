@@ -38,35 +38,16 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
-from typing import Generic, TypeVar, final
+from typing import final
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from symid import codegen, joint_models
 from symid.arrays import FloatArray, FrozenArrays
-from symid.codegen import (
-    RIGID_FUNCTIONS,
-    CompiledPlant,
-    JointCard,
-    Library,
-    ModelCard,
-    ParameterCard,
-    RigidExperiment,
-    RigidLog,
-    RigidPlantRobot,
-    has_addresses,
-    load_plant_code,
-)
+from symid.codegen import JointCard, Library, ModelCard, RigidExperiment, RigidLog
 from symid.errors import GenerationError, Notice, SolverError, UsageError
-from symid.joint_models import (
-    FRICTION_LAWS,
-    NO_FRICTION,
-    REFERENCE_TEMPERATURE,
-    Elasticity,
-    FrictionLaw,
-    get_law,
-)
 from symid.notation import join_name
 
 _SPEEDS = (1.0, 2.0, -1.0, -2.0)
@@ -75,10 +56,25 @@ _STANDSTILL = 1e-300
 _PROBES = (_STANDSTILL, 1e-4, 1e-2, 1.0, 2.0)
 _FASTEST, _SLOWEST, _SPEED_COUNT = 1e6, 1e-9, 1501
 """Grid of speeds for curves: a hundred a decade, fewer for a slower joint."""
+_POSITIONS, _LOADS = 8, (0.0, 1e6)
+"""At how many positions, and at which loads in N m or N, friction that depends on them is checked."""
 _ROUNDING = 1e-12
 """Torques below this share of the largest count as zero."""
-
-
+_MOST_EVENTS = 200
+_MOST_TURNS = 400
+"""Exchanges of held and sliding joints; a positive definite M takes a few."""
+_ROOT_TOLERANCE, _LEAST_SHARE, _SLACK = 1e-13, 1e-9, 1e-9
+_MOST_STRIDES = 500
+"""Tries of a step within one substep; enough for friction that stops a joint at 1e6 / s within 1 ms."""
+_COMPILED_STRIDES = 20_000
+"""The same of the compiled plant, as rigid_plant.c has it: implicit steps."""
+_STRIDE_ERROR = 1e-7
+"""Allowed relative error of the velocity in a step of the third-order formula."""
+_STRIDE_FLOOR = 1e-10
+"""Allowed absolute error of that velocity, rad/s or m/s."""
+_LONG_WAY = 1e9
+"""Rad or m, after which all bristles slip."""
+Modes = tuple[int, ...]
 FrictionCurve = Callable[[FloatArray, FloatArray, FloatArray], FloatArray]
 
 
@@ -133,7 +129,7 @@ class FrictionLines(FrozenArrays):
         return np.where(self.varying, above, upper), np.where(self.varying, below, lower)
 
 
-def get_parameter_values(parameters: tuple[ParameterCard, ...], robot: str) -> FloatArray:
+def get_parameter_values(parameters: tuple[codegen.ParameterCard, ...], robot: str) -> FloatArray:
     """Return the values of parameters, (p,), or raise a UsageError if the robot file does not state them."""
     unknown = [parameter.name for parameter in parameters if parameter.value is None]
     if unknown:
@@ -151,7 +147,9 @@ def gather_inputs(
     """Return the inputs of friction functions at dq (..., n), warm; None: at position zero, without load."""
     zero = np.zeros_like(dq)
     q, load = zero if q is None else q, zero if load is None else load
-    return card.gather_friction_inputs(dq, q=q, load=load, temperature=zero + REFERENCE_TEMPERATURE)
+    return card.gather_friction_inputs(
+        dq, q=q, load=load, temperature=zero + joint_models.REFERENCE_TEMPERATURE
+    )
 
 
 def _compute_columns(library: Library, values: FloatArray, speeds: Sequence[float]) -> FloatArray:
@@ -212,7 +210,7 @@ def build_friction_lines(library: Library, speeds: FloatArray | None = None) -> 
     if curved.any():
         start = _compute_columns(library, values, (_STANDSTILL, -_STANDSTILL))
         _refuse_shared(card, columns, rest, start)
-        varying = _list_coordinates(card, lambda law: bool({"position", "load"} & set(law.inputs)))
+        varying = np.array([bool(law and {"position", "load"} & set(law.inputs)) for law in _list_laws(card)])
         friction = library.bind("friction")
         viscous[:, curved] = 0.0
         level[1:, curved] = start[own, :, own].sum(axis=2).T[:, curved]
@@ -224,16 +222,10 @@ def build_friction_lines(library: Library, speeds: FloatArray | None = None) -> 
         curve = compute_curve
     slack = _ROUNDING * max(float(np.abs(part * ~curved).max()) for part in (viscous, level))
     pushes = ~curved & ((level[1] < level[2] - slack) | np.any(viscous < -slack, axis=0))
-    notices = [
-        Notice(
-            code="usage.negative-friction",
-            text=f"joint {joint.name!r}: friction must oppose motion; its values must not be negative",
-        )
-        for joint, found in zip(card.joints, pushes.tolist(), strict=True)
-        if found
-    ]
-    if notices:
-        raise UsageError(*notices)
+    if pushes.any():
+        what = "friction must oppose motion; its values must not be negative"
+        texts = [f"joint {card.joints[joint].name!r}: {what}" for joint in np.flatnonzero(pushes)]
+        raise UsageError(*(Notice(code="usage.negative-friction", text=text) for text in texts))
     level[:, varying] = 0.0
     lines = FrictionLines(viscous=viscous, level=level, curved=curved, varying=varying, curve=curve)
     fastest = np.full((1, card.size), np.inf) if speeds is None else speeds[None]
@@ -266,10 +258,6 @@ def check_friction_at_speeds(lines: FrictionLines, joints: Sequence[JointCard], 
         raise UsageError(*notices)
 
 
-_POSITIONS = 8
-"""At which friction that depends on position is checked."""
-
-
 def _locate_push(lines: FrictionLines, joint: int, back: float, ahead: float) -> float | None:
     """Return the least speed at which a coordinate's friction drives it, None if it never does."""
     if lines.curve is None:
@@ -297,29 +285,23 @@ def _locate_push(lines: FrictionLines, joint: int, back: float, ahead: float) ->
     return float(found[0]) if len(found) else None
 
 
-_LOADS = (0.0, 1e6)
-"""At which friction that depends on the load is checked, N m or N."""
-
-
-def _list_coordinates(card: ModelCard, takes: Callable[[FrictionLaw], bool]) -> NDArray[np.bool_]:
-    """Return which coordinates (n,) have a friction law of their own of some kind."""
-    laws = (None if joint.friction == NO_FRICTION else get_law(joint.friction) for joint in card.joints)
-    return np.array([law is not None and takes(law) for law in laws], dtype=np.bool_)
+def _list_laws(card: ModelCard) -> list[joint_models.FrictionLaw | None]:
+    """Return the friction law of each coordinate's own."""
+    names = [joint.friction for joint in card.joints]
+    return [None if name == joint_models.NO_FRICTION else joint_models.get_law(name) for name in names]
 
 
 def _list_curved(library: Library) -> NDArray[np.bool_]:
     """Return which coordinates (n,) feel friction whose column is curved."""
-    card = library.card
-    varying = _list_coordinates(card, lambda law: law.inputs != ("velocity",))
-    own = {
-        join_name(name, joint.number)
-        for joint in card.joints
-        if joint.friction != NO_FRICTION
-        for name in get_law(joint.friction).own
-    }
+    card, laws = library.card, _list_laws(library.card)
+    varying = np.array([bool(law and law.inputs != ("velocity",)) for law in laws])
+    pairs = zip(card.joints, laws, strict=True)
+    own = {join_name(name, joint.number) for joint, law in pairs if law for name in law.own}
     # Of a coupled drive the card has no law: the names of curved parameters are its own.
     joints = {joint.name for joint in card.joints}
-    names = tuple({name for law in FRICTION_LAWS.values() for name in law.own if name not in {"Fv", "Fc"}})
+    names = tuple(
+        {name for law in joint_models.FRICTION_LAWS.values() for name in law.own if name not in {"Fv", "Fc"}}
+    )
     bent = [
         entry.name in own or (entry.joint not in joints and entry.name.startswith(names))
         for entry in card.friction
@@ -327,18 +309,11 @@ def _list_curved(library: Library) -> NDArray[np.bool_]:
     columns = _compute_columns(library, np.ones(len(bent)), _PROBES)
     # Dry friction with a smooth sign is no straight line either.
     *near, once, twice = columns.swapaxes(0, 1)
-    pairs = zip(_PROBES, near, strict=False)
-    gaps = [np.abs(once + (speed - 1.0) * (twice - once) - part) for speed, part in pairs]
+    probes = zip(_PROBES, near, strict=False)
+    gaps = [np.abs(once + (speed - 1.0) * (twice - once) - part) for speed, part in probes]
     smooth = np.any(gaps > _ROUNDING * np.abs(columns).max(initial=0.0), axis=(0, 1, 2))
     columns = columns * (np.array(bent) | smooth)
-    felt: NDArray[np.bool_] = np.any(columns != 0.0, axis=(0, 1, 3))
-    return felt | varying
-
-
-Modes = tuple[int, ...]
-Derivative = tuple[FloatArray, FloatArray, float]
-_LONG_WAY = 1e9
-"""Rad or m, after which all bristles slip."""
+    return np.asarray(np.any(columns != 0.0, axis=(0, 1, 3)) | varying)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -360,8 +335,7 @@ class Bristles(FrozenArrays):
 
     def compute_torque(self, dq: FloatArray, z: FloatArray) -> FloatArray:
         """Return the friction (n,) of joints with bristles at dq (n,) and z (m,); zero elsewhere."""
-        torque: FloatArray = self.step(dq, np.zeros_like(dq), z)[0] * self.joints
-        return torque
+        return np.asarray(self.step(dq, np.zeros_like(dq), z)[0] * self.joints)
 
     def find_ends(self, dq: FloatArray, modes: Sequence[int]) -> FloatArray:
         """Return where z (m,) ends after a long way in the direction of `modes` at dq (n,)."""
@@ -372,15 +346,21 @@ class Bristles(FrozenArrays):
         return np.asarray(0.5 * ((z * z) @ self.stiffness))
 
 
-def build_bristles(library: Library, friction: FloatArray | None = None) -> Bristles | None:
-    """Return the bristles of a library's joints, None without; `friction` (p,) in place of its own values.
+def build_bristles(library: Library, friction: FloatArray | None = None) -> Bristles:
+    """Return the bristles of a library's joints; `friction` (p,) in place of its own values.
 
     A UsageError names missing values.
     """
-    card = library.card
-    joints = _list_coordinates(card, lambda law: bool(law.memory))
+    card, none = library.card, np.zeros(0)
+    joints = np.array([bool(law and law.memory) for law in _list_laws(card)])
     if not joints.any():
-        return None
+        return Bristles(
+            owner=none.astype(np.int64),
+            stiffness=none,
+            elements=none.astype(bool),
+            joints=joints,
+            step=lambda _, way, z: (0.0 * way, z),
+        )
     values = get_parameter_values(card.friction, card.robot) if friction is None else friction
     bound = library.bind("friction_step")
     still, ways = np.zeros(card.size), np.ones(card.size)
@@ -397,7 +377,7 @@ def build_bristles(library: Library, friction: FloatArray | None = None) -> Bris
     rest, _ = step(still, still, np.zeros(size))
     felt = np.array([step(still, still, row)[0] - rest for row in np.diag(0.5 * ends)])
     owner = np.argmax(np.abs(felt), axis=1)
-    laws = [get_law(card.joints[number].friction) for number in owner.tolist()]
+    laws = [joint_models.get_law(card.joints[number].friction) for number in owner.tolist()]
     return Bristles(
         owner=owner,
         stiffness=felt[np.arange(size), owner] / (0.5 * ends),
@@ -456,22 +436,6 @@ class BristleStride:
         return float(np.max(error * ~self._bristles.elements / (_STRIDE_ERROR * self._ends)))
 
 
-_MOST_EVENTS = 200
-_MOST_TURNS = 400
-"""Exchanges of held and sliding joints; a positive definite M takes a few."""
-_ROOT_TOLERANCE = 1e-13
-_LEAST_SHARE = 1e-9
-_SLACK = 1e-9
-_MOST_STRIDES = 500
-"""Tries of a step within one substep; enough for friction that stops a joint at 1e6 / s within 1 ms."""
-_COMPILED_STRIDES = 20_000
-"""The same of the compiled plant, as rigid_plant.c has it: implicit steps."""
-_STRIDE_ERROR = 1e-7
-"""Allowed relative error of the velocity in a step of the third-order formula."""
-_STRIDE_FLOOR = 1e-10
-"""Allowed absolute error of that velocity, rad/s or m/s."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RigidPlantState:
     """The state of the robot; its arrays are never written to.
@@ -494,10 +458,7 @@ class RigidPlantState:
 def build_rest_state(q: FloatArray, bristles: int = 0) -> RigidPlantState:
     """Return the state at rest at `q` (n,), with as many bristles, all straight."""
     return RigidPlantState(
-        q=np.array(q, dtype=np.float64),
-        dq=np.zeros(len(q)),
-        modes=(0,) * len(q),
-        bristles=np.zeros(bristles),
+        q=np.array(q, dtype=np.float64), dq=np.zeros(len(q)), modes=(0,) * len(q), bristles=np.zeros(bristles)
     )
 
 
@@ -505,10 +466,9 @@ def build_rest_state(q: FloatArray, bristles: int = 0) -> RigidPlantState:
 class RigidPlant:
     """The solver in NumPy: robot functions bound once, parameter values, friction lines, bristles.
 
-    `friction` are the lines of steady sliding; those of the joints without bristles move the robot.
+    `friction` are the lines of steady sliding; those of the joints without bristles move the robot. `code` is
+    the compiled solver; where it is None, `notices` say why.
     """
-
-    __slots__ = ("_bias", "_forward", "_joints", "_lines", "_mass", "beta", "bristles", "friction", "size")
 
     def __init__(self, library: Library, *, speeds: FloatArray | None = None) -> None:
         """Bind the functions; friction must oppose motion up to `speeds` (n,), rad/s or m/s (UsageError)."""
@@ -516,47 +476,49 @@ class RigidPlant:
         self.size = card.size
         self._joints = card.joints
         self.beta = get_parameter_values(card.beta, card.robot)
+        self._values = get_parameter_values(card.friction, card.robot)
         self.friction: FrictionLines = build_friction_lines(library, speeds)
-        self.bristles: Bristles | None = build_bristles(library)
-        self._lines = lines = self.friction
-        if self.bristles is not None:
-            others = ~self.bristles.joints
-            self._lines = FrictionLines(
-                viscous=lines.viscous * others,
-                level=lines.level * others,
-                curved=lines.curved & others,
-                varying=lines.varying & others,
-                curve=lines.curve if np.any(lines.curved & others) else None,
-            )
+        self.bristles: Bristles = build_bristles(library)
+        lines, others = self.friction, ~self.bristles.joints
+        self._lines = FrictionLines(
+            viscous=lines.viscous * others,
+            level=lines.level * others,
+            curved=lines.curved & others,
+            varying=lines.varying & others,
+            curve=lines.curve if np.any(lines.curved & others) else None,
+        )
         self._forward: Callable[..., tuple[FloatArray, ...]] = library.bind("forward_dynamics")
         self._mass: Callable[..., tuple[FloatArray, ...]] = library.bind("mass_matrix")
         self._bias: Callable[..., tuple[FloatArray, ...]] = library.bind("bias")
+        called = (("friction", len(card.friction)), ("friction_step", self.memory))
+        names = [*codegen.RIGID_FUNCTIONS, *(name for name, count in called if count)]
+        self.code, self.notices = find_compiled_plant(library, names, "rigid")
 
     @property
     def is_checked(self) -> bool:
         """Return whether errors shorten the steps in any case: friction is curved or has a state."""
-        return self._lines.curve is not None or self.bristles is not None
+        return self._lines.curve is not None or self.memory > 0
 
-    def describe(self, friction: FloatArray) -> RigidPlantRobot:
-        """Return the numbers of the robot for the compiled plant; `friction` (p,) of its parameters."""
-        none, lines, bristles = np.zeros(0), self._lines, self.bristles
-        return RigidPlantRobot(
+    def describe(self) -> codegen.RigidPlantRobot:
+        """Return the numbers of the robot for the compiled plant."""
+        lines, bristles = self._lines, self.bristles
+        return codegen.RigidPlantRobot(
             beta=self.beta,
-            friction=friction,
+            friction=self._values,
             viscous=lines.viscous,
             level=lines.level,
-            curved=np.asarray(lines.curved, dtype=np.float64),
-            varying=np.asarray(lines.varying, dtype=np.float64),
-            bristled=np.zeros(self.size) if bristles is None else np.asarray(bristles.joints, np.float64),
-            owner=none if bristles is None else np.asarray(bristles.owner, dtype=np.float64),
-            stiffness=none if bristles is None else bristles.stiffness,
-            element=none if bristles is None else np.asarray(bristles.elements, dtype=np.float64),
+            curved=lines.curved.astype(np.float64),
+            varying=lines.varying.astype(np.float64),
+            bristled=bristles.joints.astype(np.float64),
+            owner=bristles.owner.astype(np.float64),
+            stiffness=bristles.stiffness,
+            element=bristles.elements.astype(np.float64),
         )
 
     @property
     def memory(self) -> int:
         """Return how many deflections friction remembers."""
-        return 0 if self.bristles is None else len(self.bristles.owner)
+        return len(self.bristles.owner)
 
     def advance(
         self,
@@ -641,7 +603,7 @@ class RigidPlant:
         push = torque - level
         held = [joint for joint, mode in enumerate(state.modes) if mode == 0]
 
-        def slope(q: FloatArray, dq: FloatArray) -> Derivative:
+        def slope(q: FloatArray, dq: FloatArray) -> tuple[FloatArray, FloatArray, float]:
             drag = viscous * dq
             if bend is not None or lines.curve is not None:
                 # The first stage is where the step begins.
@@ -649,7 +611,7 @@ class RigidPlant:
                 drag = self._compute_drag(state.modes, q, dq, torque, z)
             return dq, self._accelerate(q, dq, push - drag, held), float(drag @ dq)
 
-        bend = None if self.bristles is None else BristleStride(self.bristles, state, h)
+        bend = BristleStride(self.bristles, state, h) if self.memory else None
         q, dq, z = state.q, state.dq, state.bristles
         v1, a1, p1 = slope(q, dq)
         v2, a2, p2 = slope(q + 0.5 * h * v1, dq + 0.5 * h * a1)
@@ -658,7 +620,7 @@ class RigidPlant:
         move = (h / 6.0) * (v1 + 2.0 * (v2 + v3) + v4)
         lost = (h / 6.0) * (p1 + 2.0 * (p2 + p3) + p4)
         speed = dq + (h / 6.0) * (a1 + 2.0 * (a2 + a3) + a4)
-        if bend is not None and self.bristles is not None:
+        if bend is not None:
             z = bend.move(move, speed)
             lost -= float(self.bristles.compute_energy(z) - self.bristles.compute_energy(state.bristles))
         after = RigidPlantState(
@@ -677,7 +639,7 @@ class RigidPlant:
     ) -> FloatArray:
         """Return friction (n,) beyond the level of each mode, that of bristles whole."""
         drag = self._lines.compute_drag(modes, dq, q, torque)
-        return drag if self.bristles is None else drag + self.bristles.compute_torque(dq, z)
+        return drag + self.bristles.compute_torque(dq, z) if self.memory else drag
 
     def describe_steep(self, duration: float, steps: int) -> Notice:
         """Return the notice on friction that stops a joint much faster than `duration` in s, in `steps`."""
@@ -726,9 +688,8 @@ class RigidPlant:
                 acceleration[free] = np.linalg.solve(mass[np.ix_(free, free)], (net - friction)[free])
             need = net - mass @ acceleration
             upper, lower = self._lines.compute_band(state.q, torque - need)
-            if self.bristles is not None:
-                # Bristles hold with what they are bent: they give way to all else.
-                upper, lower = (np.where(self.bristles.joints, drag, end) for end in (upper, lower))
+            # Bristles hold with what they are bent: they give way to all else.
+            upper, lower = (np.where(self.bristles.joints, drag, end) for end in (upper, lower))
             # A torque this far beyond the band still counts as within it.
             slack = _SLACK * (np.abs(need) + upper - lower)
             pushed = (need > upper + slack).astype(int) - (need < lower - slack)
@@ -739,9 +700,8 @@ class RigidPlant:
             modes[wrong[0]] = int(better[wrong[0]])
         else:
             raise SolverError(_describe_failure("not-converged", state.q, 0.0))
-        if self.bristles is not None:
-            modes = [mode or int(bends) for mode, bends in zip(modes, self.bristles.joints, strict=True)]
-        return replace(state, modes=tuple(modes))
+        moves = zip(modes, self.bristles.joints.tolist(), strict=True)
+        return replace(state, modes=tuple(mode or int(bends) for mode, bends in moves))
 
     def _locate_stop(self, joint: int, before: RigidPlantState, torque: FloatArray, h: float) -> float:
         """Return the share of the step at which `joint` stops."""
@@ -781,8 +741,7 @@ def _describe_failure(end: str, q: FloatArray, duration: float) -> Notice:
 def quantise(values: FloatArray, step: FloatArray) -> FloatArray:
     """Return `values` (..., n) rounded to whole encoder steps (n,); a step of 0 rounds nothing."""
     safe = np.where(step > 0.0, step, 1.0)
-    rounded: FloatArray = np.where(step > 0.0, np.round(values / safe) * safe, values)
-    return rounded
+    return np.where(step > 0.0, np.round(values / safe) * safe, values)
 
 
 def find_compiled_plant(
@@ -790,20 +749,19 @@ def find_compiled_plant(
     names: Sequence[str],
     kind: str,
     *,
-    springs: Sequence[Elasticity] = (),
+    springs: Sequence[joint_models.Elasticity] = (),
     lacking: str = "",
-    compiler: str | None = None,
-) -> tuple[CompiledPlant | None, tuple[Notice, ...]]:
+) -> tuple[codegen.CompiledPlant | None, tuple[Notice, ...]]:
     """Return the compiled plant of a `kind` of robot and its notices, or None and one that says why not.
 
     `names` are functions that it calls, `springs` those in no table, `lacking` what else it lacks, in words.
     """
     reason = lacking or "there is no C compiler"
-    if not has_addresses(library, names):
+    if not codegen.has_addresses(library, names):
         reason = "the robot's functions are not compiled"
     elif not lacking:
         try:
-            plant = load_plant_code(tuple(springs), compiler=compiler)
+            plant = codegen.load_plant_code(tuple(springs))
         except GenerationError as error:
             plant, reason = None, str(error)
         if plant is not None:
@@ -812,53 +770,33 @@ def find_compiled_plant(
     return None, (Notice(code="simulate.slow-plant", text=text),)
 
 
-LogT = TypeVar("LogT")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PlantRun(Generic[LogT]):
-    """The motion, and how it was computed."""
-
-    log: LogT
-    backend: str
-    notices: tuple[Notice, ...] = ()
-
-
-def simulate_rigid_plant(
-    library: Library, plant: RigidPlant, order: RigidExperiment, *, compiler: str | None = None
-) -> PlantRun[RigidLog]:
-    """Return the motion of a controlled robot; a notice says where it was computed without a compiler.
+def simulate_rigid_plant(library: Library, plant: RigidPlant, order: RigidExperiment) -> RigidLog:
+    """Return the motion of a controlled robot.
 
     A robot that fixed steps bring out of control, or to endless stops, is simulated again with steps as long
     as their error allows. A SolverError if joints start and stop without end, friction is too steep, or no
     choice of resting joints fits.
     """
-    run = partial(_run_once, library, plant, compiler=compiler)
+    run = partial(_run_once, library, plant)
     if order.controlled or plant.is_checked:
         return run(order)
     again = replace(order, controlled=True)
     try:
-        ran = run(order)
+        log = run(order)
     except SolverError:
         with contextlib.suppress(SolverError):
             return run(again)
         raise
-    if ran.log.end == "away":
+    if log.end == "away":
         # What is unstable itself may be too fast for any step.
         with contextlib.suppress(SolverError):
             return run(again)
-    return ran
+    return log
 
 
-def _run_once(
-    library: Library, plant: RigidPlant, order: RigidExperiment, *, compiler: str | None
-) -> PlantRun[RigidLog]:
+def _run_once(library: Library, plant: RigidPlant, order: RigidExperiment) -> RigidLog:
     """Return the motion in steps as `order` has them; errors are those of `simulate_rigid_plant`."""
-    cards = library.card.friction
-    friction = get_parameter_values(cards, library.card.robot) if cards else np.zeros(0)
-    names = [*RIGID_FUNCTIONS, *(("friction",) if cards else ()), *(("friction_step",) * bool(plant.memory))]
-    code, notices = find_compiled_plant(library, names, "rigid", compiler=compiler)
-    if code is None:
+    if plant.code is None:
         # Equal to the compiled plant within the error of its steps.
         modes = tuple(int(side) for side in np.sign(order.dq))
         state = replace(build_rest_state(order.q, plant.memory), dq=order.dq, modes=modes)
@@ -892,9 +830,9 @@ def _run_once(
             events=state.events,
         )
     else:
-        log = code.run_rigid(library, plant.describe(friction), order)
+        log = plant.code.run_rigid(library, plant.describe(), order)
     if log.end in {"chatter", "not-converged"}:
         raise SolverError(_describe_failure(log.end, log.q[-1], order.period))
     if log.end == "steep":
         raise SolverError(plant.describe_steep(order.period, _COMPILED_STRIDES))
-    return PlantRun(log=log, backend="python" if code is None else "c", notices=notices)
+    return log

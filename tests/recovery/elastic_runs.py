@@ -10,7 +10,7 @@ from symid.identification.elastic.identify import prepare_methods
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import build_elastic_problem, prepare_elastic_signals
 from symid.robot.toml_reader import read_robot
-from symid.simulation.elastic_experiment import build_clean_options, build_noisy_options, simulate_elastic
+from symid.simulation.experiment import build_clean_options, build_noisy_options, simulate_elastic
 
 STOPS = ((0.002, 0.005, 0.010), (0.003, 0.008, 0.016))
 KNEES = ((-3.0, 3.0), (-1.2, 1.2))

@@ -67,7 +67,7 @@ def test_springs_of_an_arm_have_their_stops_and_knees(joint, arm, c_compiler):
     assert c_compiler
     run = run_arm(*arm, duration=10.0)
     phi, torque = run.phi[:, joint], run.joint_torque[:, joint]
-    found = symid.hysteresis.fit(phi, torque, run.time, model="modified-prandtl-ishlinskii").element
+    found = symid.hysteresis.fit(phi, torque, run.recording.time, model="modified-prandtl-ishlinskii").element
     truth = arm[0].joints[joint].elasticity
     assert found.stiffness == pytest.approx(truth.stiffness, rel=0.01)
     for own, true in zip((*found.stops, *found.knees), (*truth.stops, *truth.knees), strict=True):

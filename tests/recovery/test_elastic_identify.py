@@ -32,7 +32,7 @@ from symid.identification.stored import read_fit, write_fit
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from symid.logs.recording import cut_recording
 from symid.robot.toml_reader import read_robot
-from symid.simulation.elastic_experiment import (
+from symid.simulation.experiment import (
     build_noisy_options,
     observe,
     simulate_elastic,
@@ -273,7 +273,7 @@ def test_a_joint_without_visible_torsion_is_said_and_the_other_is_found(
 @pytest.mark.parametrize("noise", [0.0, 1e-6])
 def test_what_a_joint_at_rest_hides_is_refused_by_name(tmp_path, arm, run, noise):
     rng = np.random.default_rng(0)
-    still = [0.3 + noise * rng.normal(size=len(run.time)) for _ in range(2)]
+    still = [0.3 + noise * rng.normal(size=len(run.q)) for _ in range(2)]
     recording = replace(
         run.recording,
         position=np.column_stack([run.q[:, 0], still[0]]),

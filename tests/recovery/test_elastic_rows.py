@@ -51,7 +51,7 @@ def test_energy_balance_closes_with_the_true_parameters(arm, signals):
 
 def test_filtered_equations_give_the_true_joint_torque(arm):
     library = arm[1]
-    run = run_arm(*arm, duration=2.0, period=5e-5, step=5e-5)
+    run = run_arm(*arm, duration=2.0, period=5e-5)
     signals = prepare_exact(run, cutoff=0.0)
     truth = find_truth(library)
     rows = build_filtered_rows(library, signals, 60.0)
@@ -100,8 +100,9 @@ SIGMA = np.array([0.2, 0.05])
 
 @pytest.fixture(scope="module")
 def whole(run):
-    states = {name: getattr(run, name) for name in ("time", "q", "dq", "theta", "dtheta")}
-    return ElasticSignals(**states, tau=run.torque, period=run.recording.period, settled=0, hold="zero")
+    states = {name: getattr(run, name) for name in ("q", "dq", "theta", "dtheta")}
+    time, period = run.recording.time, run.recording.period
+    return ElasticSignals(time=time, **states, tau=run.torque, period=period, settled=0, hold="zero")
 
 
 def test_the_scale_of_links_and_springs_is_all_that_exact_links_leave_open(arm, run, whole):

@@ -17,7 +17,7 @@ from symid.identification.elastic.validation import (
 from symid.joint_models.hysteresis import Elasticity
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from symid.robot.toml_reader import read_robot
-from symid.simulation.elastic_experiment import build_clean_options, build_noisy_options
+from symid.simulation.experiment import build_clean_options, build_noisy_options
 from tests.refusals import raises
 
 _DURATION = 4.0

@@ -229,7 +229,7 @@ def compute_elastic_reference(
     memory = np.zeros(sum(len(spring.stops) for spring in fit.elasticity))
     call = library.bind(_FUNCTION)
     torque, angle, speed = found = np.empty((3, len(time), library.card.size))
-    for tick, state in enumerate(np.stack(trajectory.evaluate_derivatives(time, 4), axis=1)):
+    for tick, state in enumerate(np.stack(trajectory.evaluate(time, 4), axis=1)):
         outputs = call(*state, *parameters, *([memory] if remembers else []))
         found[:, tick] = outputs[:3]
         if remembers:
@@ -305,7 +305,7 @@ def simulate_tracking(
     runs, rng = [], np.random.default_rng(0)
     for name, reference in references.items():
         found = simulate_elastic(robot, library, trajectory, options, rng, reference=reference)
-        runs.append(TrackingRun(name=name, time=found.time, error=found.q - found.desired))
+        runs.append(TrackingRun(name=name, time=found.recording.time, error=found.q - found.desired))
     return tuple(runs)
 
 

@@ -244,7 +244,7 @@ def simulate_closed_loop(
         measured=recording.position[0] - period * speed,
         velocity=speed,
     )
-    log = simulate_rigid_plant(valued, RigidPlant(valued), order).log
+    log = simulate_rigid_plant(valued, RigidPlant(valued), order)
     if log.end == "away":
         seconds = recording.time[len(log.q) - 1] - recording.time[0]
         text = (

@@ -7,7 +7,7 @@ import symid
 from symid import SimulateOptions
 from symid.cli.main import run
 from symid.errors import OutputError, UsageError
-from symid.excitation.reference_motion import build_motion, read_trajectory
+from symid.excitation.trajectories import build_motion, read_trajectory
 from tests.calls import do, say
 from tests.refusals import raises
 

@@ -39,10 +39,8 @@ def make_space(limits, harmonics=5, period=8.0):
 def test_limits_are_those_of_the_file_and_of_data_sheets(robots_folder):
     limits = get_motion_limits(build_limited(LIMITS), ExciteOptions(sweep=0.5, acceleration=9.0))
     np.testing.assert_allclose(limits.centre, [0.4, 0.0, 0.0])
-    np.testing.assert_allclose(limits.half, [0.6, math.pi, 0.5])
-    np.testing.assert_allclose(limits.velocity, [0.7, 30.0, 2.0])
-    np.testing.assert_allclose(limits.acceleration, [3.0, 9.0, 9.0])
-    np.testing.assert_allclose(limits.jerk, [9.0, np.inf, np.inf])
+    wanted = [[0.6, math.pi, 0.5], [0.7, 30.0, 2.0], [3.0, 9.0, 9.0], [9.0, np.inf, np.inf]]
+    np.testing.assert_allclose(limits.bounds, wanted)
     assert np.all(np.isinf(limits.torque))
     said = "; ".join(limits.assumed)
     assert "position +-pi about the middle of j1" in said
@@ -53,9 +51,9 @@ def test_limits_are_those_of_the_file_and_of_data_sheets(robots_folder):
     assert get_motion_limits(build_limited(stated), USUAL).assumed == ()
     limits = get_motion_limits(read_robot(robots_folder / "panda.toml"), USUAL)
     assert limits.assumed == ()
-    np.testing.assert_allclose(limits.velocity, [2.175] * 4 + [2.61] * 3)
-    np.testing.assert_allclose(limits.acceleration, [15, 7.5, 10, 12.5, 15, 20, 20])
-    np.testing.assert_allclose(limits.jerk, [7500, 3750, 5000, 6250, 7500, 10000, 10000])
+    np.testing.assert_allclose(limits.bounds[1], [2.175] * 4 + [2.61] * 3)
+    np.testing.assert_allclose(limits.bounds[2], [15, 7.5, 10, 12.5, 15, 20, 20])
+    np.testing.assert_allclose(limits.bounds[3], [7500, 3750, 5000, 6250, 7500, 10000, 10000])
     np.testing.assert_allclose(limits.torque, [87] * 4 + [12] * 3)
 
 
@@ -64,10 +62,10 @@ def test_rows_at_one_keep_all_limits_at_all_times(seed, harmonics, density):
     limits = get_motion_limits(build_limited(LIMITS), ExciteOptions(share=0.9))
     space = make_space(limits, harmonics)
     rows, constants = build_limit_rows(space, limits, density)
-    unknowns = np.random.default_rng(seed).normal(size=space.shape)
+    unknowns = np.random.default_rng(seed).normal(size=space.maps[:, 0].shape)
     for joint in range(3):
         # All of the joint's series on the border of the rows.
-        own = np.zeros(space.shape)
+        own = np.zeros(unknowns.shape)
         own[joint] = unknowns[joint]
         part = rows @ own.ravel()
         room = np.where(part > 0, 1 - constants, 1 + constants)

@@ -8,7 +8,7 @@ import pytest
 from symid.codegen.cache import prepare_library
 from symid.errors import IdentifiabilityError, SolverError, UsageError
 from symid.excitation.optimise import draw_candidates, optimise_excitation
-from symid.excitation.problem import Margin, build_problem, compute_margins
+from symid.excitation.problem import Margin, build_problem, compute_condition, compute_margins
 from symid.options import ExciteOptions
 from symid.robot.description import Limits
 from tests.refusals import raises
@@ -62,7 +62,7 @@ def test_candidates_keep_all_limits_and_come_sorted(weak, tmp_path):
     assert len(candidates) == 30
     used = []
     for unknowns, condition in zip(candidates, conditions, strict=True):
-        assert problem.compute_condition(unknowns) == condition
+        assert compute_condition(problem.compute_gram(unknowns)) == condition
         assert np.all(np.abs(problem.rows @ unknowns + problem.constants) <= 1.0)
         assert np.all(problem.compute_state_excess(unknowns) <= 0.0)
         used.append(max(margin.share or 0.0 for margin in compute_margins(problem, NAMES, unknowns)[0]))

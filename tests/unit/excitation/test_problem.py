@@ -85,8 +85,8 @@ def test_columns_are_those_of_the_library(robot):
 
 def check_slopes(problem, criterion):
     rng = np.random.default_rng(3)
-    z, ahead, h = 0.3 * rng.normal(size=problem.size), rng.normal(size=problem.size), 1e-6
-    watched = rng.random((problem.points, len(problem.state_limits.entries))) < 0.3
+    (z, ahead), h = rng.normal(size=(2, problem.rows.shape[1])) * [[0.3], [1.0]], 1e-6
+    watched = rng.random(problem.compute_state_use(z).shape) < 0.3
     slope = problem.compute_value(z, criterion)[1]
     values = [problem.compute_value(z + share * ahead, criterion)[0] for share in (h, -h)]
     np.testing.assert_allclose(slope @ ahead, (values[0] - values[1]) / (2 * h), rtol=1e-5)
@@ -197,9 +197,10 @@ def test_the_grid_of_the_search_is_fine_enough(robots_folder):
     problem = build_problem(panda, ExciteOptions(share=0.9))
     judge = problem.build_stated(panda)
     for seed in range(3):
-        z = 0.5 * np.random.default_rng(seed).normal(size=problem.size)
-        assert problem.compute_condition(z) == pytest.approx(judge.compute_condition(z), rel=1e-3)
-        assert problem.compute_information(z) == pytest.approx(judge.compute_information(z), abs=1e-3)
+        z = 0.5 * np.random.default_rng(seed).normal(size=problem.rows.shape[1])
+        found, wanted = problem.compute_gram(z), judge.compute_gram(z)
+        assert compute_condition(found) == pytest.approx(compute_condition(wanted), rel=1e-3)
+        assert compute_information(found) == pytest.approx(compute_information(wanted), abs=1e-3)
     assert build_grid_basis(problem.space, 10, 3).shape == (3, 10, 11)
 
 

@@ -279,26 +279,31 @@ def test_without_compiled_code_numpy_does_it_and_says_why(arm, numbers, elastic_
     assert not has_addresses(arm)
     beta = np.array([entry.value for entry in arm.card.beta])
     robot = replace(numbers, beta=beta, friction=np.zeros(0))
-    run = elastic_plant.simulate_plant(arm, robot, order_run(ticks=5))
-    assert run.backend == "python"
-    assert "not compiled" in tell(run.notices)["simulate.slow-plant"]
+    code, notices = elastic_plant.find_code(arm, robot)
+    assert code is None
+    assert "not compiled" in tell(notices)["simulate.slow-plant"]
     order = order_run(ticks=5)
-    run = elastic_plant.simulate_plant(elastic_library, numbers, order, compiler="no-such-compiler")
-    assert "no C compiler" in tell(run.notices)["simulate.slow-plant"]
+    assert elastic_plant.simulate_plant(arm, robot, order).ticks == 5
+    with monkeypatch.context() as patch:
+        patch.setattr(rigid_plant.codegen, "load_plant_code", lambda *_: None)
+        slow = elastic_plant.simulate_plant(elastic_library, numbers, order)
+        _, notices = elastic_plant.find_code(elastic_library, numbers)
+    assert "no C compiler" in tell(notices)["simulate.slow-plant"]
     fast = elastic_plant.simulate_plant(elastic_library, numbers, order)
-    assert (fast.backend, fast.notices) == ("c", ())
-    np.testing.assert_allclose(run.log.theta, fast.log.theta, atol=1e-14)
+    code, notices = elastic_plant.find_code(elastic_library, numbers)
+    assert (code is not None, notices) == (True, ())
+    np.testing.assert_allclose(slow.theta, fast.theta, atol=1e-14)
     broken = Mock(side_effect=GenerationError(Notice(code="codegen.compiler-failed", text="no headers")))
-    monkeypatch.setattr(rigid_plant, "load_plant_code", broken)
-    run = elastic_plant.simulate_plant(elastic_library, numbers, order)
-    assert "no headers" in tell(run.notices)["simulate.slow-plant"]
+    monkeypatch.setattr(rigid_plant.codegen, "load_plant_code", broken)
+    _, notices = elastic_plant.find_code(elastic_library, numbers)
+    assert "no headers" in tell(notices)["simulate.slow-plant"]
 
 
 def test_fast_springs_and_friction_shorten_the_steps(elastic_library, values):
     poses = np.zeros((3, 2))
 
     def count(changed):
-        return elastic_plant.count_substeps(elastic_library, changed, poses, period=1e-3, step=1e-4)
+        return elastic_plant.count_substeps(elastic_library, changed, poses, 1e-3)
 
     assert count(values) == 10
     stiff = tuple(replace(spring, stiffness=1e8) for spring in values.elasticity)
@@ -306,4 +311,4 @@ def test_fast_springs_and_friction_shorten_the_steps(elastic_library, values):
     assert count(replace(values, elasticity=stiff)) > 50
     assert count(replace(values, elasticity=damped)) > 50
     assert count(replace(values, friction=100.0 * values.friction)) > 50
-    assert elastic_plant.count_substeps(elastic_library, values, poses, period=2e-4, step=1e-4) == 2
+    assert elastic_plant.count_substeps(elastic_library, values, poses, 2e-4) == 2

@@ -51,7 +51,7 @@ def test_the_plant_is_the_solution_of_the_differential_equations(elastic_library
     x, worst = np.zeros(11), 0.0
     for tick in range(order.ticks - 1):
         found = solve_ivp(
-            lambda _t, y, tick=tick: find_rates(y, ran.log.torque[tick]),
+            lambda _t, y, tick=tick: find_rates(y, ran.torque[tick]),
             (0.0, order.period),
             x,
             rtol=1e-9,
@@ -59,9 +59,9 @@ def test_the_plant_is_the_solution_of_the_differential_equations(elastic_library
             max_step=order.period / 40,
         )
         x = found.y[:, -1]
-        worst = max(worst, float(np.abs(x[:2] - ran.log.q[tick + 1]).max()))
-    assert np.abs(ran.log.theta - ran.log.q).max() > 0.02
-    assert worst < 2e-6 * np.abs(ran.log.q).max()
+        worst = max(worst, float(np.abs(x[:2] - ran.q[tick + 1]).max()))
+    assert np.abs(ran.theta - ran.q).max() > 0.02
+    assert worst < 2e-6 * np.abs(ran.q).max()
 
 
 @pytest.mark.parametrize("kind", sorted(ELEMENTS))
@@ -88,7 +88,7 @@ def test_the_logged_torque_is_that_of_the_element_along_the_torsion(elastic_libr
     own = replace(values, elasticity=(SPRINGS[0], joint_models.Elasticity(stiffness=90.0, backlash=0.002)))
     plant, elements = elastic_plant.build_plant_robot(own), elastic_plant.build_elements(own)
     order = order_run(play=elements.pad([(0.0,) * 2] * 2))
-    log = elastic_plant.simulate_plant(elastic_library, plant, order, elements).log
+    log = elastic_plant.simulate_plant(elastic_library, plant, order, elements)
     time = np.arange(order.ticks) * order.period
     phi, rate = log.theta - log.q, log.dtheta - log.dq
     for joint, spring in enumerate(own.elasticity):

@@ -143,7 +143,7 @@ def test_the_experiment_takes_the_controller_of_the_robot_file(robot, arm):
     assert made.controller == replace(law, torque="average")
     keep = np.exp(-2.0 * np.pi * 200.0 * 2e-3)
     slow = lfilter([1.0 - keep], [1.0, -keep], made.dq, axis=0)
-    held = np.array([12.0, 1.0]) + [400.0, 60.0] * (made.desired - made.q) - [25.0, 3.0] * slow
+    held = np.array([12.0, 1.0]) + [400.0, 60.0] * (made.recording.reference - made.q) - [25.0, 3.0] * slow
     np.testing.assert_allclose(made.torque[:-1], held[:-1], rtol=0, atol=1e-9)
     # Gains that are given besides take the place of its own; the rest stays.
     options = replace(options, stiffness=(500.0, 70.0), damping=(30.0, 4.0))
