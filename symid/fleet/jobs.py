@@ -2,18 +2,7 @@
 
 A study file, or a table, a folder or a pattern of logs -> `FleetJob`, each with the hash of its inputs.
 
-    # study.toml
-    robot = "puma560"                  # a name or a file; also a column of the table
-    logs = "logs/*/*.parquet"          # a pattern or a folder: logs/ROBOT/NIGHT.parquet; or
-    table = "jobs.csv"                 # columns: robot, logs, name, night, rows, estimator, friction, seed
-    rows = "torque"                    # a text, or a list: each value is a job of its own
-    estimator = ["wls", "huber"]
-    repeats = 100                      # jobs that differ by their seed alone
-    seed = 1
-    [settings]                         # replace those of the robot file, as --set does
-    "processing.filter_cutoff" = 50
-    [simulate]                         # in place of logs: simulated ones, as `symid simulate` makes them
-    duration = 10
+The keys of a study file stand in docs/fleet.md; several rows, estimators or laws make a job each.
 
 Seeds are spawned (`SeedSequence.spawn`) from that of the study and the other inputs of the job, so that they
 do not depend on the order of the jobs, on other jobs or on workers.

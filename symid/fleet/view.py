@@ -9,10 +9,9 @@ stated deviations s_1 .. s_n, are cut before each night k; with weights 1 / s^2,
     z_k = (mean after - mean before) / sqrt(1 / W_after + 1 / W_before),     z = max |z_k|,
     p = 1 - (1 - 2 Phi(-z))^(n - 1)                                        (Sidak 1967: at most this)
 
-and all robots and parameters are judged together by Benjamini and Hochberg (1995), whose share of false
-alarms among the alarms is at most the level, or by Holm (1979), where any false alarm is as rare as that.
-Where the median robot varies more from night to night than its deviations state, all deviations of that
-parameter are enlarged to what the median robot shows. Residuals state none: the fleet's is taken.
+and all robots and parameters are judged together by Benjamini and Hochberg (1995) or by Holm (1979). Where
+the median robot varies more from night to night than its deviations state, all deviations of that parameter
+are enlarged to what it shows. Residuals state none: the fleet's is taken.
 
 Supported: nights of any number, gaps, robots of several kinds. Not supported: a change of more than half of
 the robots, which is taken for scatter; nights looked at one by one with the level kept for all of them.
@@ -294,11 +293,8 @@ class Fleet(PagedResult):
         if not found:
             nights = {row.job.night for row in self.rows if row.status == "done"}
             return ("No robot changed.",) if len(nights) > 1 else ()
-        kind = (
-            "Any false alarm is as rare as"
-            if self.control == "holm"
-            else "Of these, false alarms are at most"
-        )
+        holm, many = self.control == "holm", len(found) > _MOST_SHOWN
+        kind = "Any false alarm is as rare as" if holm else "Of these, false alarms are at most"
         rows = [
             (
                 *(entry.name, _name_quantity(entry), entry.since, f"{entry.before:.5g}"),
@@ -312,7 +308,7 @@ class Fleet(PagedResult):
             (0, 1, 2),
             f"Robots that changed: {len({entry.name for entry in found})}",
             f"{kind} {100.0 * self.level:g} % ({self.control}). A residual is the logarithm of its deviation."
-            + (f" The surest {_MOST_SHOWN} of {len(found)} are shown." if len(found) > _MOST_SHOWN else ""),
+            + f" The surest {_MOST_SHOWN} of {len(found)} are shown." * many,
         )
         return (table,)
 
@@ -403,10 +399,7 @@ class Fleet(PagedResult):
                 ("night", f"{what} ({'logarithm' if entry.residual else entry.unit})"),
                 [
                     Line("nights", "measured", nights, np.array(entry.values), markers=True, joined=False),
-                    *(
-                        Line("mean before and after", "predicted", x, np.full(len(x), mean))
-                        for x, mean in sides
-                    ),
+                    *(Line("mean before and after", "predicted", x, np.full(len(x), y)) for x, y in sides),
                 ],
                 whole=True,
             )
@@ -498,9 +491,8 @@ def run(
             stream = stack.enter_context((place / "costs.csv").open("a", encoding="utf-8"))
             for done, (row, cost) in enumerate(ended, start=1):
                 store.write(row)
-                stream.write(
-                    f"{row.key},{row.status},{cost.seconds:.3f},{cost.processor:.3f},{cost.memory:.0f}\n"
-                )
+                spent = f"{cost.seconds:.3f},{cost.processor:.3f},{cost.memory:.0f}"
+                stream.write(f"{row.key},{row.status},{spent}\n")
                 stream.flush()
                 lost += row.status != "done"
                 now, left = time.monotonic(), count - store.found - done

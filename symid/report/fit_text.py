@@ -50,10 +50,8 @@ def tabulate_laws(laws: "Sequence[estimators.FittedLaw]") -> tuple[Block, ...]:
         others = (f"{one.law} {held[one.law]}" for one in trials if one.law != entry.law and not one.reason)
         own, plain = held.get(entry.law, ""), held.get("coulomb-viscous-offset", "")
         rows.append((entry.joint, entry.law, own, plain, next(others, "")))
-    title = (
-        "Friction laws: what each leaves of the torque of held-out windows in motion; plain is "
-        "coulomb-viscous-offset."
-    )
+    title = "Friction laws: what each leaves of the torque of held-out windows in motion; plain is "
+    title += "coulomb-viscous-offset."
     header = ("joint", "friction law", "held out/%", "plain/%", "best other law, %")
     return (Table(header, rows, (0, 1, 4), title),)
 
@@ -75,13 +73,9 @@ def describe_validation(validation: "estimators.Validation") -> dict[str, object
 def _describe_motion_parts(motion: "estimators.MotionResidual") -> dict[str, object]:
     """Return one joint's residual by the phases of motion."""
     parts = zip(("motion", "reversal", "rest"), motion.rms, motion.rows, strict=True)
-    return {
-        "joint": motion.joint,
-        "unit": motion.unit,
-        **{name: {"rms": rms, "rows": rows} for name, rms, rows in parts},
-        "left_out": motion.left_out,
-        "all_rows_rms": motion.whole,
-    }
+    phases = {name: {"rms": rms, "rows": rows} for name, rms, rows in parts}
+    head = {"joint": motion.joint, "unit": motion.unit}
+    return {**head, **phases, "left_out": motion.left_out, "all_rows_rms": motion.whole}
 
 
 def show_all_rows(validation: "estimators.Validation") -> str:
@@ -101,17 +95,14 @@ def show_estimate(estimate: "estimators.Estimate") -> tuple[Block, ...]:
         f"{estimate.robot}: {estimate.rows} rows, {estimate.estimator}, {estimate.samples} equations, "
         f"condition {estimate.condition:.3g}: {estimate.outcome.value}"
     )
-    table = _show_parameters(
-        estimate.parameters, ".3g", {"robot file": "truth", "within 3 std": "near_truth"}
-    )
+    truth = {"robot file": "truth", "within 3 std": "near_truth"}
+    table = _show_parameters(estimate.parameters, ".3g", truth)
     lines = []
     fit: Any = estimate.settings.get("fit")
     if isinstance(fit, Mapping) and "tracking" in fit:
         # Output-error estimators simulate.
-        count = fit["iterations"]
-        lines.append(
-            f"started from {fit['start']}; {count} simulation{'s'[: count > 1]} of the controlled robot"
-        )
+        times = f"{fit['iterations']} simulation{'s'[: fit['iterations'] > 1]} of the controlled robot"
+        lines = [f"started from {fit['start']}; {times}"]
         lines += [
             f"{entry['joint']}: simulated positions {entry['simulated_from_measured']:.3g} {entry['unit']} "
             f"(rms) from the measured ones, the reference {entry['reference_from_measured']:.3g} "
@@ -120,8 +111,8 @@ def show_estimate(estimate: "estimators.Estimate") -> tuple[Block, ...]:
         ]
         if "wls" in fit:
             lines.append(fit["wls"]["verdict"])
-    refused = "\n".join(f"refused: {name}: {reason}" for name, reason in estimate.refused)
-    texts = filter(None, ("\n".join(lines), refused))
+    refused = [f"refused: {name}: {reason}" for name, reason in estimate.refused]
+    texts = ("\n".join(part) for part in (lines, refused) if part)
     held_out = () if estimate.evidence is None else (show_evidence(estimate.evidence),)
     laws = tabulate_laws(estimate.laws)
     return (headline, table, *laws, show_residual(estimate.residual), *held_out, *texts)
@@ -154,16 +145,11 @@ def show_residual(residual: Sequence["estimators.Residual"], title: str = "") ->
 
 def show_evidence(evidence: "estimators.Evidence") -> Table:
     """Return the table of what is left of held-out stretches, joint by joint."""
-
-    def write(value: float) -> str:
-        return f"{value:.3g}" if math.isfinite(value) else ""
-
     parts = f"{evidence.logs} logs" if evidence.logs else f"{evidence.stretches} stretches"
     rows = [
         (
-            entry.joint,
-            *(f"{entry.fitted:.3g}", f"{entry.held_out:.3g}"),
-            *map(write, (entry.moving, entry.slow)),
+            *(entry.joint, f"{entry.fitted:.3g}", f"{entry.held_out:.3g}"),
+            *(f"{value:.3g}" if math.isfinite(value) else "" for value in (entry.moving, entry.slow)),
             *(f"{100.0 * entry.share:.3g}", f"{entry.torque:.3g}"),
         )
         for entry in evidence.joints
@@ -486,10 +472,9 @@ def show_poses(poses: "PoseTest") -> tuple[Block, ...]:
         )
         for entry in poses.parameters
     ]
-    lines = []
-    for number, pose in enumerate(poses.poses, start=1):
-        others = ", ".join(f"{name} {place:.3g}" for name, place in pose.others)
-        lines.append(f"pose {number}: {others} ({', '.join(pose.sources)})")
+    places = (", ".join(f"{name} {place:.3g}" for name, place in pose.others) for pose in poses.poses)
+    pairs = enumerate(zip(places, poses.poses, strict=True), start=1)
+    lines = [f"pose {number}: {others} ({', '.join(pose.sources)})" for number, (others, pose) in pairs]
     lines += [_wrap(f"left out: {sources}: {reason}") for sources, reason in poses.skipped]
     text = "\n".join(lines)
     return (Table(header, rows, left=(0, len(poses.poses) + 1), title=text) if rows else text,)

@@ -7,14 +7,13 @@ estimators on one data set, and counterparts of their figures 1 to 4 and 6 to 11
 
 Of figures 3 and 4 only the captions are public: in their place stand our own hybrid algorithm as a flow
 chart, and an arm of the same kind as their platform, with the kinematics of a robot file.
-
-Not supported: figure 5, the test of poses, which is part of `symid identify --rows friction` and needs
-recordings.
+Not supported: figure 5, the test of poses, which needs recordings.
 """
 
 import math
 import textwrap
 from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 
@@ -33,6 +32,10 @@ from symid.report.verdict import FitVerdict
 from symid.robot import read_robot
 from symid.study import friction_protocols as paper
 
+_SYNTHETIC = (
+    "The paper's values are next to ours, which come from synthetic data: the paper's recordings are "
+)
+_SYNTHETIC += "not public."
 _WIDTH = 110
 _MARK = "*"
 _UNITS = {"vs": "rad/s", "dq0": "rad/s", "fV": "N m s/rad", "gamma": "1"}
@@ -133,10 +136,10 @@ def _list_recovery(study: paper.Recovery) -> Table:
         ("ours, deviation", "deviation", ".3g"),
         ("Cramer-Rao", "bound", ".3g"),
     ]
-    lines += [("farthest, in Cramer-Rao", "error", ".2f"), ("draws within 3", "inside", "")] if second else []
-    lines += (
-        [] if second else [("deviation / Cramer-Rao", "ratio", ".3f"), ("bias / deviation", "bias", "+.3f")]
-    )
+    if second:
+        lines += [("farthest, in Cramer-Rao", "error", ".2f"), ("draws within 3", "inside", "")]
+    else:
+        lines += [("deviation / Cramer-Rao", "ratio", ".3f"), ("bias / deviation", "bias", "+.3f")]
     rows: list[tuple[str, ...]] = [
         (name, *(format(getattr(entry, field), form) for entry in study.parameters))
         for name, field, form in lines
@@ -189,10 +192,8 @@ def _list_gains(found: Sequence[paper.GainStudy]) -> Table:
     misses = "; ".join(f"joint {study.joint}: {study.stribeck.describe_miss()}" for study in found)
     # The gain by the bias alone, joint by joint.
     place = [entry.name for entry in get_law(paper.TABLE_3[0].law).physical].index("fP")
-    pairs = [
-        (row.values[place] ** 2, other.noise**2)
-        for row, other in zip(paper.TABLE_3, paper.TABLE_4, strict=True)
-    ]
+    both = zip(paper.TABLE_3, paper.TABLE_4, strict=True)
+    pairs = [(row.values[place] ** 2, other.noise**2) for row, other in both]
     floors = ", ".join(f"{100.0 * bias / (bias + noise):.1f}" for bias, noise in pairs)
     note = (
         f"{paper.CALIBRATION} The noise is {', '.join(f'{row.noise:g}' for row in paper.TABLE_4)} N m.\n"
@@ -221,9 +222,8 @@ def _list_contest(contest: paper.EstimatorComparison) -> Table:
     header = ("estimator", "sum of squares", "excess", "evaluations", "linear problems", "iterations")
     note = ["Excess: over the least sum of squares of all. Every estimator with its defaults."]
     if timed:
-        note.append(
-            f"{_MARK} The least of three runs with the uncertainty of the result; differs from run to run."
-        )
+        least = "The least of three runs with the uncertainty of the result"
+        note.append(f"{_MARK} {least}; differs from run to run.")
     note += [f"{run.estimator} was not run: {run.reason}." for run in contest.runs if run.reason]
     title = f"All estimators on one data set: {contest.title}, {contest.law}, {contest.samples} samples"
     return Table((*header, *([f"ms{_MARK}"] if timed else [])), rows, title=title, note="\n".join(note))
@@ -294,7 +294,6 @@ def _show_dataset(entry: "studies.elastic_methods.DatasetStudy") -> Table:
             f"; Cramer-Rao: {entry.bound:.3g} % standard deviation of the least certain parameter, "
             f"{entry.spring_bound:.3g} % where the form of the springs is known"
         )
-
     timed = any(math.isfinite(cell.seconds) for cell in entry.cells)
     rows = []
     for cell in entry.cells:
@@ -330,17 +329,13 @@ def show_foreign(study: "studies.foreign_truths.ForeignStudy") -> tuple[Block, .
     ]
     header = ["truth", "worst", "z rms (max)", "spring", "verdict", "chosen", "best", "ratio", "near"]
     header.append("near best")
-    tables = [
-        Table(
-            ["truth", *(cell.method for cell in study.truths[0].cells)],
-            [
-                [name, *(write((cell.worst, cell.spring)[place].median) for cell in entry.cells)]
-                for name, entry in zip(names, study.truths, strict=True)
-            ],
-            title=title,
-        )
-        for place, title in enumerate(("worst parameter, percent", "spring torque, percent"))
-    ]
+    methods, tables = [cell.method for cell in study.truths[0].cells], []
+    for place, title in enumerate(("worst parameter, percent", "spring torque, percent")):
+        rows = [
+            [name, *(write((cell.worst, cell.spring)[place].median) for cell in entry.cells)]
+            for name, entry in zip(names, study.truths, strict=True)
+        ]
+        tables.append(Table(["truth", *methods], rows, title=title))
     note = (
         "worst: parameter error in percent of the largest of its kind; z: errors over stated deviations; "
         "spring: its torque on the held-out motion in percent; best: method of the least median error; "
@@ -357,13 +352,10 @@ def show_tracking(study: "studies.elastic_methods.TrackingStudy") -> tuple[Block
     rows = [[case, *(f"{1e3 * spread.median:.4g}" for spread in spreads)] for case, spreads in study.rms]
     differences = [
         (
-            f"{entry.first} less {entry.second}",
-            entry.joint,
-            f"{1e3 * entry.difference.mean:.4g}",
-            f"{1e3 * entry.difference.low:.4g} .. {1e3 * entry.difference.high:.4g}",
-            entry.difference.verdict,
+            *(f"{entry.first} less {entry.second}", entry.joint, f"{1e3 * found.mean:.4g}"),
+            *(f"{1e3 * found.low:.4g} .. {1e3 * found.high:.4g}", found.verdict),
         )
-        for entry in study.comparisons
+        for entry, found in ((entry, entry.difference) for entry in study.comparisons)
     ]
     return (
         f"{study.robot}: tracking of the held-out motion, medians over {study.seeds} seeds",
@@ -384,10 +376,8 @@ def show_many_joints(result: "studies.elastic_methods.ManyJointsResult") -> Tabl
         f"{result.robot}, {result.condition.value}: {result.parameters} parameters; "
         "what is left of the torque of a held-out motion, in percent"
     )
-    conditions = (
-        f"condition of the column-scaled rows: elimination {result.condition_elimination:.3g}, "
-        f"energy {result.condition_energy:.3g}"
-    )
+    sizes = f"elimination {result.condition_elimination:.3g}, energy {result.condition_energy:.3g}"
+    conditions = f"condition of the column-scaled rows: {sizes}"
     return Table(["method", *result.joints], rows, title=title, note=conditions)
 
 
@@ -417,12 +407,13 @@ def build_friction_study_page(study: paper.FrictionStudy) -> Page:
             for k in range(len(paper.TABLE_3))
         ),
     )
-    drawn = [
-        block for name, figure in counterparts for block in (f"=== Counterpart of Figure {name} ===", figure)
-    ]
+    titled = ((f"=== Counterpart of Figure {name} ===", figure) for name, figure in counterparts)
+    drawn = chain.from_iterable(titled)
     rows = [(check.name, check.bar, check.found, write_check_outcome(check)) for check in study.checks]
     title = "Claims and results. Reported: no requirement, or too few draws to judge."
     checks = Table(("claim", "required", "result", "outcome"), rows, (0, 1, 2, 3), title)
+    names = ("Table 1", "Table 3", "Table 4", "the second robot")
+    parts = zip(names, (study.agreement, study.recovery, study.gains, study.second), strict=True)
     reported = [check for check in study.checks if check.met is None]
     missed = [check for check in study.checks if check.met is not None and not check.met]
     judged = len(study.checks) - len(reported)
@@ -448,11 +439,8 @@ def build_friction_study_page(study: paper.FrictionStudy) -> Page:
             "Identify friction laws from logs of your own",
         ),
         blocks=(
-            (
-                "The paper's values are next to ours, which come from synthetic data: the paper's recordings "
-                "are not public."
-            ),
-            "Table 4: " + paper.CALIBRATION,
+            _SYNTHETIC,
+            f"Table 4: {paper.CALIBRATION}",
             "== Claims ==",
             checks,
             "== Tables ==",
@@ -461,10 +449,7 @@ def build_friction_study_page(study: paper.FrictionStudy) -> Page:
         more=("== Counterparts of the paper's figures ==", *drawn),
         settings=(
             ("seeds", f"{seed} to {last}"),
-            ("draws of Table 1", str(study.agreement[0].draws)),
-            ("draws of Table 3", str(study.recovery[0].draws)),
-            ("draws of Table 4", str(study.gains[0].draws)),
-            ("draws of the second robot", str(study.second[0].draws)),
+            *((f"draws of {name}", str(found[0].draws)) for name, found in parts),
             ("default estimator", "varpro"),
         ),
     )
@@ -556,12 +541,9 @@ def _draw_hybrid() -> Drawing:
         ("end", "the best candidate"),
     )
     boxes = [
-        figures.Box((_LEFT, y), tuple(text), "first", kind)
-        for y, (kind, *text) in zip(_ROWS, plain, strict=False)
-    ]
-    boxes += [
-        figures.Box((_RIGHT, y), tuple(text), "second" if y < _ROWS[4] else "first", kind)
-        for y, (kind, *text) in zip(_ROWS, annealing, strict=True)
+        figures.Box((x, y), tuple(text), "second" if x == _RIGHT and y < _ROWS[4] else "first", kind)
+        for x, column in ((_LEFT, plain), (_RIGHT, annealing))
+        for y, (kind, *text) in zip(_ROWS, column, strict=False)
     ]
     titles = (
         ((_LEFT, 26.0), "genetic algorithm"),
@@ -631,12 +613,8 @@ def _build_band(found: friction.FrictionEstimate, velocity: FloatArray) -> figur
     uncertainty = np.einsum("ni,ij,nj->n", design, np.array(found.covariance), design)
     torque = compute_friction_torque(law, inputs, found.linear, found.shape)
     half = 2.0 * np.sqrt(found.sigma**2 + uncertainty)
-    return figures.Line(
-        label="band of two deviations",
-        style="area",
-        x=np.concatenate([velocity, velocity[::-1]]),
-        y=np.concatenate([torque + half, (torque - half)[::-1]]),
-    )
+    outline = np.concatenate([torque + half, (torque - half)[::-1]])
+    return figures.Line("band of two deviations", "area", np.concatenate([velocity, velocity[::-1]]), outline)
 
 
 def _draw_one_fit(samples: friction.FrictionSamples, study: paper.FrictionStudy) -> Drawing:
@@ -657,13 +635,8 @@ def _draw_one_fit(samples: friction.FrictionSamples, study: paper.FrictionStudy)
 def _draw_convergence(contest: paper.EstimatorComparison) -> Drawing:
     least = min(run.objective for run in contest.runs if not run.reason)
     names = {"genetic": ("genetic algorithm", "first"), "annealing": ("hybrid with annealing", "second")}
-    lines = [
-        figures.Line(
-            *names[run.estimator], np.arange(float(len(run.history))), np.array(run.history) / least - 1.0
-        )
-        for run in contest.runs
-        if run.estimator in names
-    ]
+    runs = [(names[run.estimator], np.array(run.history)) for run in contest.runs if run.estimator in names]
+    lines = [figures.Line(*name, np.arange(float(len(y))), y / least - 1.0) for name, y in runs]
     caption = (
         f"{contest.title}: objective of the best candidate, relative to the optimum of variable projection. "
         "A generation of the hybrid costs two evaluations a candidate."
@@ -677,10 +650,8 @@ def _fit_laws(
 ) -> tuple[list[figures.Line], list[friction.FrictionEstimate]]:
     """Return the curves of all laws over `x` (V,), at velocities (V,) in rad/s, and their fits."""
     fits = [friction.fit_friction(samples, get_law(name)) for name in paper.LAWS]
-    curves = [
-        compute_friction_torque(get_law(fit.law), {"velocity": velocity}, fit.linear, fit.shape)
-        for fit in fits
-    ]
+    inputs = {"velocity": velocity}
+    curves = (compute_friction_torque(get_law(fit.law), inputs, fit.linear, fit.shape) for fit in fits)
     lines = [figures.Line(name, _STYLES[name], x, y) for name, y in zip(paper.LAWS, curves, strict=True)]
     return lines, fits
 

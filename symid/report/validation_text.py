@@ -115,8 +115,7 @@ def _show_elastic_trial(found: ElasticValidation) -> tuple[Block, ...]:
         [
             joint.name,
             run.name,
-            1e3 * float(run.rms[k]),
-            1e3 * float(run.peak[k]),
+            *(1e3 * float(part[k]) for part in (run.rms, run.peak)),
             f"m{_UNITS[joint.prismatic]}",
         ]
         for k, joint in enumerate(found.robot.axes)
@@ -300,11 +299,8 @@ def _summarise_agreement(found: "Compared") -> str:
 
 def describe_comparison(ours: "EstimateSide", others: Sequence["Compared"]) -> dict[str, object]:
     """Return the comparison as `symid compare --json` gives it, but for the gate."""
-    return {
-        "robot": ours.identified.robot.name,
-        "estimate": show_path(ours.source),
-        "others": [_describe_compared(found) for found in others],
-    }
+    head = {"robot": ours.identified.robot.name, "estimate": show_path(ours.source)}
+    return {**head, "others": [_describe_compared(found) for found in others]}
 
 
 def _describe_compared(found: "Compared") -> dict[str, object]:
@@ -391,10 +387,7 @@ def _warn_compared(found: "Compared") -> Iterator[Notice]:
         if undecided:
             text += f". The same rule has more terms, on which the values do not decide: {undecided}"
         yield Notice(code="compare.coupled-reading", text=text, file=file)
-    for reading, tried in found.readings:
-        if not reading.coupling:
-            text = (
-                f"{describe(reading, tried)}. Only the numbers support this, it may be chance; "
-                f"to compare so: {write_option(reading)}"
-            )
-            yield Notice(code="compare.other-reading", text=text, file=file)
+    for reading, tried in (entry for entry in found.readings if not entry[0].coupling):
+        chance = "Only the numbers support this, it may be chance"
+        text = f"{describe(reading, tried)}. {chance}; to compare so: {write_option(reading)}"
+        yield Notice(code="compare.other-reading", text=text, file=file)

