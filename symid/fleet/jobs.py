@@ -37,6 +37,7 @@ SUFFIXES = (".csv", ".npz", ".mat", ".h5", ".hdf5", ".parquet", ".mcap", ".db3")
 _WORDS = ("rows", "estimator", "friction")
 _KEYS = ("robot", "logs", "table", *_WORDS, "repeats", "seed", "settings", "simulate")
 _COLUMNS = ("robot", "logs", "name", "night", *_WORDS, "seed")
+_MOST_PROBLEMS = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -239,9 +240,6 @@ def _read_table(name: str, robot: str | None) -> tuple[FleetJob, ...]:
     if problems:
         raise InputError(*problems[:_MOST_PROBLEMS])
     return tuple(jobs)
-
-
-_MOST_PROBLEMS = 20
 
 
 def _read_rows(path: Path) -> Iterator[tuple[int, Mapping[str, Any]]]:

@@ -38,6 +38,9 @@ from symid.serialization import Finite
 
 Status = Literal["done", "refused", "failed", "crashed", "time-out", "memory"]
 """How a job ended: with a fit, an error of symid, a bug, a killed worker, or at a limit."""
+Task = tuple[str, FleetJob]
+"""A job behind its key."""
+_PATIENCE = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,8 +113,6 @@ class FleetLimits:
     megabytes: int | None = None
 
 
-Task = tuple[str, FleetJob]
-"""A job behind its key."""
 Ended = tuple[FleetRow, Cost]
 
 
@@ -224,7 +225,6 @@ def _follow(parent: int) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-_PATIENCE = 3.0
 _SERVE = f"from {__name__} import serve; {serve.__name__}()"
 
 

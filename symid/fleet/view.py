@@ -48,6 +48,18 @@ from symid.serialization import read_record, write_json
 
 Progress = Callable[[str], None]
 Control = Literal["benjamini-hochberg", "holm"]
+_FEWEST_ROBOTS = 20
+"""Series of one quantity from which on their scatter is compared with the stated deviations."""
+_MOST_SHOWN = 40
+_MOST_DRAWN = 12
+_LEVELS = "Good: no robot changed and every job has a fit; wrong: no job has one; doubtful: all else."
+_ENLARGED = 1.2
+_COLUMNS = (
+    *("key", "name", "night", "robot", "logs", "rows", "estimator", "friction", "seed", "status", "reason"),
+    *("verdict", "kind", "parameter", "value", "std", "unit"),
+)
+_FORMAT = "symid fleet"
+_SECONDS_BETWEEN = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,10 +123,6 @@ class _Series:
     nights: tuple[str, ...]
     values: FloatArray
     stds: FloatArray
-
-
-_FEWEST_ROBOTS = 20
-"""Series of one quantity from which on their scatter is compared with the stated deviations."""
 
 
 def _collect_series(rows: Iterable[FleetRow]) -> list[_Series]:
@@ -407,16 +415,6 @@ class Fleet(PagedResult):
         return tuple(found)
 
 
-_MOST_SHOWN = 40
-_MOST_DRAWN = 12
-_LEVELS = "Good: no robot changed and every job has a fit; wrong: no job has one; doubtful: all else."
-_ENLARGED = 1.2
-_COLUMNS = (
-    *("key", "name", "night", "robot", "logs", "rows", "estimator", "friction", "seed", "status", "reason"),
-    *("verdict", "kind", "parameter", "value", "std", "unit"),
-)
-
-
 def _name_quantity(entry: RobotChange) -> str:
     return f"residual of {entry.quantity}" if entry.residual else entry.quantity
 
@@ -504,9 +502,6 @@ def run(
         listed = {"format": _FORMAT, "version": 1, "jobs": keys}
         write_file(place / "fleet.json", write_json(listed) + "\n")
     return load(place, level=level, control=control)
-
-
-_FORMAT = "symid fleet"
 
 
 def load(
@@ -607,6 +602,3 @@ class _Store:
             else:
                 self.found += 1
             met.add(key)
-
-
-_SECONDS_BETWEEN = 2.0

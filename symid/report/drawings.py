@@ -41,6 +41,10 @@ _THICKEST, _THINNEST = 0.055, 0.03
 """Radii of the first and the last drum, in parts of the arm's extent."""
 _SAMPLES = 600
 """Of a trajectory that is drawn."""
+_OFTEN, _PEAK = 0.01, 0.999
+"""Share of the samples at the peak from which they are marked; size of those samples over the peak."""
+_UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "torque": ("N m", "N")}
+_NEEDED = ("plot", "fill", "axvline", "set_xlabel", "legend")
 
 
 def place_arm(robot: Robot, pose: Sequence[float]) -> tuple[list[FloatArray], list[FloatArray]]:
@@ -145,11 +149,6 @@ def draw_log(log: "Recording", robot: Robot, checked: "CheckedLog | None" = None
     )
 
 
-_OFTEN, _PEAK = 0.01, 0.999
-"""Share of the samples at the peak from which they are marked; size of those samples over the peak."""
-_UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "torque": ("N m", "N")}
-
-
 def _draw_channels(
     caption: str, name: str, robot: Robot, course: tuple[FloatArray, FloatArray, NDArray[np.bool_] | None]
 ) -> Iterator[Drawing]:
@@ -219,9 +218,6 @@ def draw_excitation(found: "OptimisedExcitation", robot: Robot) -> tuple[Drawing
 def list_shares(margins: Sequence["Margin"]) -> list[tuple[str, float]]:
     """Return name and used part of each limit but clearances."""
     return [(f"{entry.name} {entry.kind}", entry.share) for entry in margins if entry.share is not None]
-
-
-_NEEDED = ("plot", "fill", "axvline", "set_xlabel", "legend")
 
 
 def list_axes(given: object) -> list[Any]:

@@ -45,6 +45,22 @@ SUPERSCRIPT = str.maketrans(
     "\N{SUPERSCRIPT FOUR}\N{SUPERSCRIPT FIVE}\N{SUPERSCRIPT SIX}\N{SUPERSCRIPT SEVEN}"
     "\N{SUPERSCRIPT EIGHT}\N{SUPERSCRIPT NINE}",
 )
+STYLES = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh")
+"""Of lines of equal rank: distinguished by colour and by dashes."""
+POINTS = 2000
+_INVISIBLE = 0.15
+"""Distance in the unit of the drawing below which nobody sees a corner."""
+_LOGARITHMIC_RATIO = 8.0
+"""Ratio of the largest to the smallest value from which on the axis is logarithmic."""
+Point = tuple[float, float]
+"""A place in a drawing, to the right and downwards."""
+_BOX = (300.0, 46.0)
+_TEXT_ROW = 16.0
+_HEAD = 9.0
+_VIEW = (math.radians(-62.0), math.radians(16.0))
+"""From where an arm is seen: turned about the vertical, and from above."""
+_ARM_HEIGHT = 400.0
+_ROUND = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -214,14 +230,6 @@ def _wrap_figure(
     return Drawing(f"{head}<title>{escape(caption)}</title>{''.join(body)}</svg>", caption)
 
 
-STYLES = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh")
-"""Of lines of equal rank: distinguished by colour and by dashes."""
-
-POINTS = 2000
-_INVISIBLE = 0.15
-"""Distance in the unit of the drawing below which nobody sees a corner."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Line:
     """A line y (N,) over x (N,), points, or an outline with its inside.
@@ -366,10 +374,6 @@ def _build_figure(
     return replace(found, data=data)
 
 
-_LOGARITHMIC_RATIO = 8.0
-"""Ratio of the largest to the smallest value from which on the axis is logarithmic."""
-
-
 @dataclass(frozen=True, slots=True)
 class Mark:
     """A value in a row: its name `label`, its digits `text`, and whether it was `chosen`."""
@@ -471,13 +475,6 @@ def build_mark_figure(
     return replace(_wrap_figure(caption, frame.height, body), data=data)
 
 
-Point = tuple[float, float]
-"""A place in a drawing, to the right and downwards."""
-_BOX = (300.0, 46.0)
-_TEXT_ROW = 16.0
-_HEAD = 9.0
-
-
 @dataclass(frozen=True, slots=True)
 class Box:
     """A step of a flow chart: lines of text about its middle, and whether it asks or ends.
@@ -547,12 +544,6 @@ def build_flow_chart(
             for k, text in enumerate(box.text)
         ]
     return _wrap_figure(caption, height, body, width)
-
-
-_VIEW = (math.radians(-62.0), math.radians(16.0))
-"""From where an arm is seen: turned about the vertical, and from above."""
-_ARM_HEIGHT = 400.0
-_ROUND = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

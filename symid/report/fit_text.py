@@ -16,6 +16,18 @@ if TYPE_CHECKING:
     from symid.identification.friction import FrictionIdentification, JointFriction, PoseTest
     from symid.logs import Alignment
 
+_EFFECTS = {
+    "torque-lag": ("torque acts late", "s"),
+    "link-friction": ("viscous friction of the link", "{torque} s/{position}"),
+    "torque-ripple": ("torque ripple", "{torque}"),
+    "kinematic-error": ("kinematic error of the gear", "{position}"),
+    "link-eccentricity": ("eccentricity of the link's encoder", "{position}"),
+    "torsion-offset": ("zero of the torsion", "{position}"),
+}
+"""What they are called, and their units."""
+_WIDTH = 100
+_SHOWN = 3
+
 
 def _describe_parameter(entry: "estimators.ParameterEstimate") -> dict[str, Any]:
     return {**describe_record(entry), "relative_std_percent": entry.relative_std_percent}
@@ -326,17 +338,6 @@ def show_springs(estimate: "ElasticEstimate") -> Table:
     return Table(header, rows, (0, 4, 5) if branched else (0, 4))
 
 
-_EFFECTS = {
-    "torque-lag": ("torque acts late", "s"),
-    "link-friction": ("viscous friction of the link", "{torque} s/{position}"),
-    "torque-ripple": ("torque ripple", "{torque}"),
-    "kinematic-error": ("kinematic error of the gear", "{position}"),
-    "link-eccentricity": ("eccentricity of the link's encoder", "{position}"),
-    "torsion-offset": ("zero of the torsion", "{position}"),
-}
-"""What they are called, and their units."""
-
-
 def _describe_effect(estimate: "ElasticEstimate", effect: "DriveEffect") -> dict[str, object]:
     """Return an effect in plain types, with its joint and unit."""
     torque = estimate.residual[max(effect.joint, 0)].unit
@@ -356,10 +357,6 @@ def show_effects(estimate: "ElasticEstimate") -> Table:
         rows.append((plain["joint"], _EFFECTS[effect.kind][0], order, *values, plain["unit"]))
     title = "Taken off before the fit; an order N is of waves cos(N theta), theta on the joint side."
     return Table(("joint", "effect", "order", "value", "std", "unit"), rows, (0, 1, 5), title)
-
-
-_WIDTH = 100
-_SHOWN = 3
 
 
 def describe_friction(found: "FrictionIdentification") -> dict[str, object]:

@@ -66,6 +66,8 @@ _TRIALS = (
     "Coulomb + viscous + offset. Behind: difference from the best law in standard errors over the parts; of "
     "those that it does not surely surpass, the law with the fewest parameters is chosen."
 )
+_MOST_PARAMETERS = 12
+"""Parameters in the figure of the least certain ones."""
 
 
 def build_identification_page(
@@ -512,10 +514,6 @@ def _show_search(entry: friction.JointFriction) -> Iterator[Block]:
 
 def _capitalise(text: str) -> str:
     return text[:1].upper() + text[1:]
-
-
-_MOST_PARAMETERS = 12
-"""Parameters in the figure of the least certain ones."""
 
 
 def judge_fit(estimate: AnyEstimate) -> FitVerdict:

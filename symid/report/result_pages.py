@@ -56,6 +56,22 @@ _CHANCE = 0.01
 _FAR = 3.0
 """Deviations between the nearest body and least squares beyond which something else changed."""
 _MOST_MARKS = 30
+_SKIPPED = "The first {} samples do not count: no memory at the start explains them like the rest."
+_HELD_OUT = "of the output unexplained in held-out parts of the recording"
+_POOR = 0.5
+"""Of its value: a deviation beyond it leaves not even the first digit."""
+_NORMAL = 1.96
+_LABELS = ("input (unit of the file)", "output (unit of the file)")
+_FEW = 3
+_FEWEST_POINTS, _PLACES = 8, 60
+_NEAR_TOP = 0.1
+"""Of the range of the input."""
+_STARTS = {
+    "zero": "at rest at input zero, moved to the first sample",
+    "fresh": "at rest at the first sample",
+    "below": "come to the first sample from below",
+    "above": "come to the first sample from above",
+}
 
 
 def _write_page(
@@ -345,13 +361,6 @@ def write_comparison_page(
     )
 
 
-_SKIPPED = "The first {} samples do not count: no memory at the start explains them like the rest."
-_HELD_OUT = "of the output unexplained in held-out parts of the recording"
-_POOR = 0.5
-"""Of its value: a deviation beyond it leaves not even the first digit."""
-_NORMAL = 1.96
-
-
 def judge_element(record: hysteresis.HysteresisRecord) -> FitVerdict:
     """Return what an element is worth, from what it predicts of samples that were left out.
 
@@ -433,9 +442,6 @@ def show_element(record: hysteresis.HysteresisRecord) -> tuple[Block, ...]:
     return (table, tried, facts)
 
 
-_LABELS = ("input (unit of the file)", "output (unit of the file)")
-
-
 def draw_element(record: hysteresis.HysteresisRecord) -> tuple[Drawing, ...]:
     """Return the figures of an element: loops, time, residuals, energy of cycles, branches."""
     trace = record.trace
@@ -506,9 +512,6 @@ def _draw_cycles(trace: hysteresis.ElementTrace) -> Iterator[Drawing]:
     )
 
 
-_FEW = 3
-
-
 def _draw_branches(trace: hysteresis.ElementTrace) -> Iterator[Drawing]:
     """Yield branches after reversals moved to one point, and first-order reversal curves."""
     strokes = hysteresis.find_strokes(trace.position)[1:-1]
@@ -552,11 +555,6 @@ def _draw_branches(trace: hysteresis.ElementTrace) -> Iterator[Drawing]:
     )
 
 
-_FEWEST_POINTS, _PLACES = 8, 60
-_NEAR_TOP = 0.1
-"""Of the range of the input."""
-
-
 def write_element_page(path: Path, record: hysteresis.HysteresisRecord, *, source: str = "") -> Path:
     """Write the page of an element and return the path; OutputError where it cannot be written."""
     lead, second, *further = draw_element(record)
@@ -588,14 +586,6 @@ def write_element_page(path: Path, record: hysteresis.HysteresisRecord, *, sourc
         conventions="work is what goes in: output times way of the input",
         units="Units are those of the file",
     )
-
-
-_STARTS = {
-    "zero": "at rest at input zero, moved to the first sample",
-    "fresh": "at rest at the first sample",
-    "below": "come to the first sample from below",
-    "above": "come to the first sample from above",
-}
 
 
 def describe_element(record: hysteresis.HysteresisRecord) -> dict[str, object]:

@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 
 
 _WIDTH = 100
+_SHOWN = 12
+"""Singular values on either side of the rank."""
+_VERDICTS = ("identifiable", "poorly identifiable", "not identifiable", "refused")
+_FAR = 3.0
 
 
 def show_base(robot: Robot, base: "BaseParameters") -> tuple[Block, ...]:
@@ -315,11 +319,6 @@ def describe_export(found: "FileExport") -> dict[str, object]:
     }
 
 
-_SHOWN = 12
-"""Singular values on either side of the rank."""
-_VERDICTS = ("identifiable", "poorly identifiable", "not identifiable", "refused")
-
-
 def summarise_robot(robot: Robot) -> str:
     """Return name, joints and convention."""
     others = {"urdf": "URDF", "mjcf": "MJCF", "origin": "frames by origin"}
@@ -492,9 +491,6 @@ def show_excitation(found: "OptimisedExcitation") -> tuple[Block, ...]:
     places = [[margin.name, margin.value] for margin in found.margins if margin.share is None]
     clearances = [Table(("place", "least clearance/m"), places)] if places else []
     return (head, Table(("joint", *kinds), rows, title=title), *clearances)
-
-
-_FAR = 3.0
 
 
 def describe_payload(robot: str, found: "Payload") -> dict[str, object]:

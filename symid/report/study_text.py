@@ -41,6 +41,18 @@ _MARK = "*"
 _UNITS = {"vs": "rad/s", "dq0": "rad/s", "fV": "N m s/rad", "gamma": "1"}
 """Of the parameters of friction laws; the others are torques in N m."""
 _OTHER_LAWS = ("Coulomb + viscous", "original Stribeck")
+_VELOCITY = "velocity (rad/s)"
+_POINTS = 1201
+_STYLES = dict(zip(paper.LAWS, ("fourth", "third", "predicted"), strict=True))
+_LEFT, _RIGHT, _GUTTER, _ACROSS = 190.0, 650.0, 420.0, 860.0
+"""Middles of the columns of the flow chart, a way between them, and its width."""
+_ROWS = tuple(70.0 + 76.0 * row for row in range(6))
+_HALF, _EDGE, _OUTSIDE = 23.0, 150.0, 16.0
+"""Half a box, up and across; a way about the columns."""
+_PLATFORM, _POSE = "kr30.toml", (0.35, 1.75, -0.3, 0.4, 0.75, 0.0)
+"""The arm that is drawn, and its joint angles, rad."""
+_RADII = (0.12, 0.11, 0.1, 0.07, 0.065, 0.055)
+"""Of its joints as drawn, m."""
 
 
 def list_tables(study: paper.FrictionStudy) -> tuple[Table, ...]:
@@ -381,11 +393,6 @@ def show_many_joints(result: "studies.elastic_methods.ManyJointsResult") -> Tabl
     return Table(["method", *result.joints], rows, title=title, note=conditions)
 
 
-_VELOCITY = "velocity (rad/s)"
-_POINTS = 1201
-_STYLES = dict(zip(paper.LAWS, ("fourth", "third", "predicted"), strict=True))
-
-
 def build_friction_study_page(study: paper.FrictionStudy) -> Page:
     """Return all that the page shows."""
     seed, last = study.seeds
@@ -507,13 +514,6 @@ def _draw_stribeck() -> Drawing:
     return _draw(caption, lines)
 
 
-_LEFT, _RIGHT, _GUTTER, _ACROSS = 190.0, 650.0, 420.0, 860.0
-"""Middles of the columns of the flow chart, a way between them, and its width."""
-_ROWS = tuple(70.0 + 76.0 * row for row in range(6))
-_HALF, _EDGE, _OUTSIDE = 23.0, 150.0, 16.0
-"""Half a box, up and across; a way about the columns."""
-
-
 def _draw_hybrid() -> Drawing:
     """Return our hybrid algorithm as a flow chart, with its default options."""
     options = friction.FrictionOptions()
@@ -575,12 +575,6 @@ def _draw_hybrid() -> Drawing:
         *(figures.Arrow(across), figures.Arrow(kept, "no"), figures.Arrow(back, "no")),
     ]
     return figures.build_flow_chart(caption, boxes, arrows, titles, _ROWS[5] + 40.0, width=_ACROSS)
-
-
-_PLATFORM, _POSE = "kr30.toml", (0.35, 1.75, -0.3, 0.4, 0.75, 0.0)
-"""The arm that is drawn, and its joint angles, rad."""
-_RADII = (0.12, 0.11, 0.1, 0.07, 0.065, 0.055)
-"""Of its joints as drawn, m."""
 
 
 def _draw_platform() -> Drawing:

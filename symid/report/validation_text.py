@@ -19,6 +19,17 @@ if TYPE_CHECKING:
     from symid.identification import Compared, EstimateSide, TriedReading
     from symid.identification.rigid import Diagnosis
 
+_UNITS = ("rad", "m")
+"""Of the positions of joints that turn, and that slide."""
+_SAME_FIT = 0.05
+"""Standard deviations of a parameter below which a refit is the same."""
+_WIDTH = 44
+"""Letters of a group on one line of a table."""
+_TINY = 1e-12
+_TOO_SURE = 0.999
+_LIMITS = ((2.0, 0.9545), (3.0, 0.9973))
+"""Numbers of deviations, and the share of normal errors within them."""
+
 
 def show_trial(found: AnyValidation) -> tuple[Block, ...]:
     """Return a headline, and tables of residuals."""
@@ -204,18 +215,6 @@ def show_diagnosis(diagnosis: "Diagnosis") -> tuple[Block, ...]:
     rows = [(e.joint, e.family, f"{e.share_percent:.3g}", e.rms, e.unit) for e in diagnosis.structure]
     header = ("joint", "residual follows", "share/%", "rms", "unit")
     return ("\n".join(lines), *([Table(header, rows, (0, 1, 4))] if rows else []))
-
-
-_UNITS = ("rad", "m")
-"""Of the positions of joints that turn, and that slide."""
-_SAME_FIT = 0.05
-"""Standard deviations of a parameter below which a refit is the same."""
-_WIDTH = 44
-"""Letters of a group on one line of a table."""
-_TINY = 1e-12
-_TOO_SURE = 0.999
-_LIMITS = ((2.0, 0.9545), (3.0, 0.9973))
-"""Numbers of deviations, and the share of normal errors within them."""
 
 
 def show_comparison(ours: "EstimateSide", others: Sequence["Compared"]) -> tuple[Block, ...]:

@@ -52,6 +52,27 @@ from symid.study.monte_carlo import (
 )
 
 _JOINTS = 2
+TRAINING = "10 x TA + TB"
+DATASETS = {"TA": ("TA",), "10 x TA": ("TA10",), "TB": ("TB1", "TB2"), TRAINING: ("TA10", "TB1", "TB2")}
+"""Runs that are identified together."""
+_TRAJECTORIES: Mapping[str, Callable[[], excitation.Trajectory]] = {
+    "TA": excitation.build_ta,
+    "TA10": lambda: excitation.scale_trajectory(excitation.build_ta(), 10.0),
+    "TB1": lambda: excitation.build_tb(0),
+    "TB2": lambda: excitation.build_tb(1),
+    "TC": excitation.build_tc,
+}
+"""TA excites both joints for 20 s, TB1 and TB2 one of them for 50 s; TC, 20 s, is held out."""
+AUTOMATIC = "automatic"
+_ENCODER = "independent, link encoder"
+_RIVALS = ("independent", _ENCODER)
+STUDY_METHODS = ("linear-spring", "two-step", "elimination", "weighted", "nlp", *_RIVALS)
+_METHODS = {
+    "Case 1: identified together": AUTOMATIC,
+    "Case 2: identified apart, motor side": "independent",
+    "Case 2 with link encoder": _ENCODER,
+}
+CASES = (*_METHODS, elastic.RIGID)
 
 
 class SensorCondition(Enum):
@@ -64,19 +85,6 @@ class SensorCondition(Enum):
         """Return the options of a simulation with such sensors."""
         is_clean = self is SensorCondition.CLEAN
         return simulation.build_clean_options() if is_clean else simulation.build_noisy_options()
-
-
-TRAINING = "10 x TA + TB"
-DATASETS = {"TA": ("TA",), "10 x TA": ("TA10",), "TB": ("TB1", "TB2"), TRAINING: ("TA10", "TB1", "TB2")}
-"""Runs that are identified together."""
-_TRAJECTORIES: Mapping[str, Callable[[], excitation.Trajectory]] = {
-    "TA": excitation.build_ta,
-    "TA10": lambda: excitation.scale_trajectory(excitation.build_ta(), 10.0),
-    "TB1": lambda: excitation.build_tb(0),
-    "TB2": lambda: excitation.build_tb(1),
-    "TC": excitation.build_tc,
-}
-"""TA excites both joints for 20 s, TB1 and TB2 one of them for 50 s; TC, 20 s, is held out."""
 
 
 def simulate_runs(
@@ -151,12 +159,6 @@ def _compute_torques(springs: Sequence[Elasticity], phi: FloatArray) -> FloatArr
     return np.column_stack(
         [compute_hysteresis_torque(spring, column) for spring, column in zip(springs, phi.T, strict=True)]
     )
-
-
-AUTOMATIC = "automatic"
-_ENCODER = "independent, link encoder"
-_RIVALS = ("independent", _ENCODER)
-STUDY_METHODS = ("linear-spring", "two-step", "elimination", "weighted", "nlp", *_RIVALS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -371,14 +373,6 @@ def _compute_bounds(scene: ElasticScene, runs: Sequence[str]) -> tuple[float, fl
         for compute in (elastic.compute_elimination_bound, elastic.compute_spring_bound)
     )
     return 100.0 * float(np.max(without)), 100.0 * float(np.max(springs))
-
-
-_METHODS = {
-    "Case 1: identified together": AUTOMATIC,
-    "Case 2: identified apart, motor side": "independent",
-    "Case 2 with link encoder": _ENCODER,
-}
-CASES = (*_METHODS, elastic.RIGID)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -38,6 +38,8 @@ _NEWTON = 3
 # The derivatives of 1, cos, sin, cos 2, sin 2: entry (i, j) is what term j gives to term i.
 _SLOPE = np.zeros((5, 5))
 _SLOPE[[2, 1, 4, 3], [1, 2, 3, 4]] = -1.0, 1.0, -2.0, 2.0
+_LOADING, _UNLOADING = 0.75, 0.25
+"""beta and gamma of Bouc-Wen: dz = dx (1 - z^2 (beta sign(z dx) + gamma + bias sign z)) / width."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -229,10 +231,6 @@ class _Spring(NamedTuple):
     torque: FloatArray
     stored: FloatArray
     loss: FloatArray
-
-
-_LOADING, _UNLOADING = 0.75, 0.25
-"""beta and gamma of Bouc-Wen: dz = dx (1 - z^2 (beta sign(z dx) + gamma + bias sign z)) / width."""
 
 
 def _advance_spring(plant: "_Plant", before: _Spring, phi: FloatArray) -> _Spring:

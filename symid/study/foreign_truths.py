@@ -70,6 +70,16 @@ ARMS = {
     ),
 }
 """A planar arm, and one whose axes cross; both hang along gravity at q = 0."""
+_TOGETHER = ("asymmetric-bouc-wen", "viscoelastic", "lugre", "ripple", "delays", "eccentricity")
+_TIMES = {"TA": 20.0, "TB": 50.0, "TC": 20.0}
+_SINES = 2.0 * math.pi * np.array([[1.0, 0.5, 0.2], [0.2, 1.0, 0.5], [0.5, 0.2, 1.0]])
+_PHASES = math.pi * np.array([[0.0, 1 / 6, 1 / 4], [0.0, 1 / 5, 1 / 2], [0.0, 1 / 3, 1 / 7]])
+_NUDGE = 1e-3
+_WAITING = 0.5
+"""rad."""
+AUTOMATIC = "automatic"
+FOREIGN_METHODS = tuple(method for method in METHODS if method != AUTOMATIC)
+_NEAR = 1.2
 
 
 def write_arm(arm: Arm, *, truth: bool = False) -> Robot:
@@ -132,7 +142,6 @@ def _build_lugre(arm: Arm, size: float) -> dict[str, FloatArray]:
     }
 
 
-_TOGETHER = ("asymmetric-bouc-wen", "viscoelastic", "lugre", "ripple", "delays", "eccentricity")
 TRUTHS: Mapping[str, Callable[[Arm, float], dict[str, FloatArray]]] = {
     "family": lambda arm, size: {name: _build_family(arm, 0.4 * size)[name] for name in ("linear", "stops")},
     "bouc-wen": _build_bouc_wen,
@@ -172,14 +181,6 @@ TRUTHS: Mapping[str, Callable[[Arm, float], dict[str, FloatArray]]] = {
 def build_truth(arm: Arm, truth: str, size: float = 1.0) -> HiddenJoints:
     """Return the hidden models of a truth; `size` multiplies what is foreign in it."""
     return HiddenJoints(**(_build_family(arm) | TRUTHS[truth](arm, size)))
-
-
-_TIMES = {"TA": 20.0, "TB": 50.0, "TC": 20.0}
-_SINES = 2.0 * math.pi * np.array([[1.0, 0.5, 0.2], [0.2, 1.0, 0.5], [0.5, 0.2, 1.0]])
-_PHASES = math.pi * np.array([[0.0, 1 / 6, 1 / 4], [0.0, 1 / 5, 1 / 2], [0.0, 1 / 3, 1 / 7]])
-_NUDGE = 1e-3
-_WAITING = 0.5
-"""rad."""
 
 
 def build_motions(size: int, share: float = 1.0) -> tuple[ForeignMotion, ...]:
@@ -272,10 +273,6 @@ def list_true_values(card: ModelCard) -> dict[str, tuple[float, float]]:
         name: (value, max(abs(values[other]) for other in values if kinds[other] == kinds[name]))
         for name, value in values.items()
     }
-
-
-AUTOMATIC = "automatic"
-FOREIGN_METHODS = tuple(method for method in METHODS if method != AUTOMATIC)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -390,9 +387,6 @@ class ForeignStudy:
 
     arm: str
     truths: tuple[ForeignTruth, ...]
-
-
-_NEAR = 1.2
 
 
 def _summarise(truth: str, size: float, results: Sequence[tuple[ForeignRun, ...]]) -> ForeignTruth:

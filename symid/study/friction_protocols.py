@@ -34,6 +34,44 @@ from symid.identification import friction
 from symid.joint_models import compute_friction_torque, get_law
 from symid.study.monte_carlo import run_tasks
 
+_IMPROVED = "improved-stribeck"
+RECOVERY_NOISE = (1.0, 5.0, 2.0)
+"""Of protocol S2, joint by joint, N m."""
+RECOVERY_PEAKS = (0.1, 1.0)
+"""Of its two cosines, rad/s."""
+AGREEMENT = 1e-6
+"""Excess of the sum of squares over the least one that deterministic estimators may have."""
+NEARNESS = 4e-3
+"""The same for searches by chance: the paper's own sums are 251 and 252."""
+_BOUNDS = 3.0
+Draw: TypeAlias = tuple[friction.FrictionEstimate, ...]
+"""One draw of the noise: the fits of several estimators."""
+RACERS = ("genetic", "annealing")
+"""The genetic algorithm and its hybrid with simulated annealing, of Table 2."""
+RECOVERY_SAMPLES = 1000
+"""Of each cosine."""
+NOT_IDENTIFIABLE = 0.5
+"""Cramer-Rao deviation over value from which on a parameter counts as not identifiable."""
+LAWS = ("coulomb-viscous", "stribeck", "improved-stribeck")
+"""In the order of the paper's columns; each is fitted again to every draw."""
+PEAK = 0.117
+"""Of the cosine, rad/s."""
+GAIN_SAMPLES = 2000
+CALIBRATION = (
+    "Calibrated: the noise of each joint, so that the gain over Coulomb + viscous is the paper's (that gain "
+    f"is no test), and the peak of {PEAK:g} rad/s of the motion, one number for all joints, for the least "
+    "miss of the gains over the original Stribeck law. Predicted: these three gains."
+)
+"""What of Table 4 was fitted to the paper, and what was not."""
+GainDraw = tuple[tuple[float, ...], tuple[float, ...]]
+"""Sums of squared errors of the laws, (N m)^2: of the fit, and on another draw of the same motion."""
+_ENOUGH = 100
+_RATIO, _BIAS = 0.2, 0.2
+_POINTS = 1.0
+_DEFAULT = "varpro"
+_AGREEMENT_DRAWS, _OTHER_DRAWS = 20, 100
+_BATCH = 5
+
 
 class PublishedLaw(NamedTuple):
     """Parameters in the order of the law's `physical`, SI units, by joint, or by method in Table 1.
@@ -76,17 +114,12 @@ TABLE_1 = (
 SWEEPS = (Sweep(peak=0.5, samples=500), Sweep(peak=0.1, samples=500), Sweep(peak=0.3, samples=1000))
 """Of protocol S1; the paper says neither peak nor samples. The first one is shown in full."""
 
-_IMPROVED = "improved-stribeck"
 TABLE_3 = (
     # fC, fS, vs, fV, fP, dq0; the exponent is 2 in all rows.
     PublishedLaw("1", _IMPROVED, (11.64, 23.19, 0.02767, 27.88, 0.47, 0.010)),
     PublishedLaw("2", _IMPROVED, (39.93, 73.24, 0.01292, 89.24, -3.34, 0.005)),
     PublishedLaw("3", _IMPROVED, (38.53, 53.78, 0.01557, 89.49, -4.74, 0.010)),
 )
-RECOVERY_NOISE = (1.0, 5.0, 2.0)
-"""Of protocol S2, joint by joint, N m."""
-RECOVERY_PEAKS = (0.1, 1.0)
-"""Of its two cosines, rad/s."""
 
 TABLE_4 = (
     PublishedSums(joint="1", sums=(629.0, 537.0, 449.0), printed=(28.6, 16.3), noise=3.84),
@@ -148,13 +181,6 @@ def draw_samples(scene: FrictionScene, generator: np.random.Generator) -> fricti
     )
 
 
-AGREEMENT = 1e-6
-"""Excess of the sum of squares over the least one that deterministic estimators may have."""
-NEARNESS = 4e-3
-"""The same for searches by chance: the paper's own sums are 251 and 252."""
-_BOUNDS = 3.0
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class EstimatorRun:
     """One fit: parameters as printed, J, excess of J over the least of all, cost, how it ended.
@@ -184,12 +210,6 @@ class EstimatorComparison:
     samples: int
     names: tuple[str, ...]
     runs: tuple[EstimatorRun, ...]
-
-
-Draw: TypeAlias = tuple[friction.FrictionEstimate, ...]
-"""One draw of the noise: the fits of several estimators."""
-RACERS = ("genetic", "annealing")
-"""The genetic algorithm and its hybrid with simulated annealing, of Table 2."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -404,12 +424,6 @@ def compare_estimators(
     )
 
 
-RECOVERY_SAMPLES = 1000
-"""Of each cosine."""
-NOT_IDENTIFIABLE = 0.5
-"""Cramer-Rao deviation over value from which on a parameter counts as not identifiable."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RecoveredParameter:
     """A parameter over all draws, `ratio` and `bias` as in the module's equations, the Cramer-Rao `bound`.
@@ -500,23 +514,6 @@ def summarise_recovery(scene: FrictionScene, found: Sequence[Draw]) -> Recovery:
             for k, entry in enumerate(law.physical)
         ),
     )
-
-
-LAWS = ("coulomb-viscous", "stribeck", "improved-stribeck")
-"""In the order of the paper's columns; each is fitted again to every draw."""
-PEAK = 0.117
-"""Of the cosine, rad/s."""
-GAIN_SAMPLES = 2000
-CALIBRATION = (
-    "Calibrated: the noise of each joint, so that the gain over Coulomb + viscous is the paper's (that gain "
-    f"is no test), and the peak of {PEAK:g} rad/s of the motion, one number for all joints, for the least "
-    "miss of the gains over the original Stribeck law. Predicted: these three gains."
-)
-"""What of Table 4 was fitted to the paper, and what was not."""
-
-
-GainDraw = tuple[tuple[float, ...], tuple[float, ...]]
-"""Sums of squared errors of the laws, (N m)^2: of the fit, and on another draw of the same motion."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -613,12 +610,6 @@ def summarise_gains(index: int, draws: Sequence[GainDraw]) -> GainStudy:
         viscous=build_gain(0),
         stribeck=build_gain(1),
     )
-
-
-_ENOUGH = 100
-_RATIO, _BIAS = 0.2, 0.2
-_POINTS = 1.0
-_DEFAULT = "varpro"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -747,10 +738,6 @@ def _check_second(study: Recovery) -> FrictionCheck:
         found=found,
         met=mean <= 3.0 and inside >= 0.97 * study.draws if study.draws >= _ENOUGH else None,
     )
-
-
-_AGREEMENT_DRAWS, _OTHER_DRAWS = 20, 100
-_BATCH = 5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

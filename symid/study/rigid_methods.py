@@ -43,6 +43,13 @@ _WINDOW = 0.05
 _POINTS = 12
 _HEAVY = 4.0
 """Mass of the first link in kg where the robot file states none."""
+_BATCH = 20
+"""Seeds of a task."""
+_NORMAL_95 = 1.959963984540054
+CUTOFFS = (10.0, 15.0, 20.0, 30.0, 50.0, 75.0, 100.0, 150.0, 200.0, 300.0)
+BAND = 10.0
+"""Of the comparison, in Hz."""
+_HIGHEST_CUTOFF = 0.45
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -112,11 +119,6 @@ def _load_scene(robot: Robot, backend: str) -> PrecisionScene:
         bound=np.linalg.norm(np.linalg.inv(triangle), axis=1),
         samples=len(time),
     )
-
-
-_BATCH = 20
-"""Seeds of a task."""
-_NORMAL_95 = 1.959963984540054
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -261,12 +263,6 @@ def _condense_with_noise(scene: PrecisionScene, kind: str, noise: FloatArray) ->
         factors[group, :size, -1] = triangle @ scene.truth[live] + inner
         factors[group, size, -1] = np.sqrt(max(float(part @ part - inner @ inner), 0.0))
     return regression.Condensed(factors=factors, counts=plain.counts, independent=plain.independent)
-
-
-CUTOFFS = (10.0, 15.0, 20.0, 30.0, 50.0, 75.0, 100.0, 150.0, 200.0, 300.0)
-BAND = 10.0
-"""Of the comparison, in Hz."""
-_HIGHEST_CUTOFF = 0.45
 
 
 @dataclass(frozen=True, slots=True)
