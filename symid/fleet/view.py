@@ -366,10 +366,9 @@ class Fleet(PagedResult):
             head |= {"friction": job.friction, "seed": job.seed, "logs": ";".join(job.logs), "key": row.key}
             head |= {"status": row.status, "reason": row.reason, "verdict": row.verdict}
             for entry in row.values:
-                std = entry.std if entry.std < math.inf else None
                 kind = "residual" if entry.residual else "parameter"
-                named = {"kind": kind, "parameter": entry.name, "unit": entry.unit}
-                yield head | named | {"value": entry.value, "std": std}
+                named = {"kind": kind, "parameter": entry.name, "unit": entry.unit, "value": entry.value}
+                yield head | named | {"std": entry.std if entry.std < math.inf else None}
             if not row.values:
                 yield head
 

@@ -404,13 +404,10 @@ def _show_convergence(estimate: ElasticEstimate) -> Iterator[Block]:
         if lines:
             labels = ("iteration", label)
             yield figures.build_line_figure(caption, labels, lines, logarithmic=not place, whole=True)
-    rows = [
-        (
-            *(place, f"{entry.merit:.6g}", f"{entry.change:.2e}", f"{entry.damping:g}"),
-            *(f"{norm:.5g}" for norm in (entry.norms if heads else ())),
-        )
-        for place, entry in enumerate(history, start=1)
-    ]
+    rows = list[Sequence[object]]()
+    for place, entry in enumerate(history, start=1):
+        shown = (f"{norm:.5g}" for norm in (entry.norms if heads else ()))
+        rows.append((place, f"{entry.merit:.6g}", f"{entry.change:.2e}", f"{entry.damping:g}", *shown))
     header = ("iteration", "merit", "relative change", "damping", *heads)
     yield Table(header, rows, title="Every iteration, with the norms of its residuals.")
 

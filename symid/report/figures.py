@@ -39,12 +39,7 @@ _CHARACTER = 7.2
 _DIGIT = 8.1
 """Width of a digit."""
 _LEGEND_ROW = 19.0
-SUPERSCRIPT = str.maketrans(
-    "-0123456789",
-    "\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ZERO}\N{SUPERSCRIPT ONE}\N{SUPERSCRIPT TWO}\N{SUPERSCRIPT THREE}"
-    "\N{SUPERSCRIPT FOUR}\N{SUPERSCRIPT FIVE}\N{SUPERSCRIPT SIX}\N{SUPERSCRIPT SEVEN}"
-    "\N{SUPERSCRIPT EIGHT}\N{SUPERSCRIPT NINE}",
-)
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 STYLES = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh")
 """Of lines of equal rank: distinguished by colour and by dashes."""
 POINTS = 2000
@@ -88,9 +83,7 @@ class Axis:
         if not self.logarithmic:
             raw = (high - low) / count
             power = 10.0 ** math.floor(math.log10(raw))
-            step = next(
-                factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw * (1 - 1e-9)
-            )
+            step = next(x * power for x in (1.0, 2.0, 5.0, 10.0) if x * power >= raw * (1 - 1e-9))
             first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
             ticks = tuple(k * step for k in range(first, last + 1))
             # Between two iterations there is none.
@@ -405,10 +398,9 @@ def build_histogram(caption: str, labels: tuple[str, str], values: FloatArray) -
     counts, edges = np.histogram(values, bins=bins, range=(low, high))
     x = np.linspace(low, high, 201)
     mean, deviation = float(np.mean(values)), float(np.std(values))
-    width = (high - low) / bins
     normal = np.zeros_like(x)
     if deviation > 0.0:
-        scale = len(values) * width / (deviation * math.sqrt(2.0 * math.pi))
+        scale = len(values) * ((high - low) / bins) / (deviation * math.sqrt(2.0 * math.pi))
         normal = scale * np.exp(-0.5 * ((x - mean) / deviation) ** 2)
     largest = max(float(counts.max()), float(normal.max()), 1.0)
     frame = PlotArea(x=axis, y=Axis(low=0.0, high=1.05 * largest), height=230.0)
@@ -445,8 +437,8 @@ def build_mark_figure(
     room = 18.0 + _DIGIT * max(len(entry.text) for entry in marks)
     share = room / max(WIDTH - left - room, _LEAST_ROOM)
     if logarithmic:
-        decades = math.log10(axis.high) - math.log10(axis.low)
-        is_beyond = math.log10(axis.high) + share * decades > math.log10(_LARGEST)
+        end, start = math.log10(axis.high), math.log10(axis.low)
+        is_beyond = end + share * (end - start) > math.log10(_LARGEST)
         high = _LARGEST if is_beyond else min(axis.high * (axis.high / axis.low) ** share, _LARGEST)
     else:
         high = axis.high + share * (axis.high - axis.low)

@@ -135,14 +135,11 @@ def _show_parameters(
 ) -> Table:
     """Return values with deviations, percent in a format; where any truth is known, fields `beside` them."""
     known = beside if any(entry.truth is not None for entry in parameters) else {}
-    rows = [
-        (
-            *(entry.name, entry.value, entry.std),
-            *(format(entry.relative_std_percent, form) if form else entry.relative_std_percent, entry.unit),
-            *(getattr(entry, field) for field in known.values()),
-        )
-        for entry in parameters
-    ]
+    rows = list[Sequence[object]]()
+    for entry in parameters:
+        percent = format(entry.relative_std_percent, form) if form else entry.relative_std_percent
+        truth = (getattr(entry, field) for field in known.values())
+        rows.append((entry.name, entry.value, entry.std, percent, entry.unit, *truth))
     return Table(("parameter", "value", "std", "std/%", "unit", *known), rows, (0, 4))
 
 
@@ -173,13 +170,10 @@ def show_evidence(evidence: "estimators.Evidence") -> Table:
 
 def show_tests(evidence: "estimators.Evidence") -> Table:
     """Return the table of what estimates from different rows say of each other."""
-    rows = [
-        (
-            *(entry.what, entry.part, entry.joint, entry.verdict),
-            *(f"{entry.size:.2g}", f"{entry.bound:.2g}", f"{entry.p:.2g}"),
-        )
-        for entry in evidence.tests
-    ]
+    rows = []
+    for entry in evidence.tests:
+        numbers = (f"{value:.2g}" for value in (entry.size, entry.bound, entry.p))
+        rows.append((entry.what, entry.part, entry.joint, entry.verdict, *numbers))
     header = ("rows", "log", "joint", "they say", "differ by/%", "at most/%", "p")
     title = "Estimates from different rows, by the torque that they predict, in percent of it."
     return Table(header, rows, (0, 1, 2, 3), title)
@@ -191,18 +185,12 @@ def show_motion(motion: Sequence["estimators.MotionResidual"]) -> tuple[Table, .
         return ()
     left_out = any(entry.left_out for entry in motion)
     header = ("joint", "in motion", "at reversal", "at rest", "unit")
-    rows = [
-        (
-            entry.joint,
-            *(
-                "" if rms is None else f"{rms:.4g} ({100.0 * count / sum(entry.rows):.3g} %)"
-                for rms, count in zip(entry.rms, entry.rows, strict=True)
-            ),
-            entry.unit,
-            *((entry.left_out or "", f"{entry.whole:.4g}") if left_out else ()),
-        )
-        for entry in motion
-    ]
+    rows = list[Sequence[object]]()
+    for entry in motion:
+        pairs, whole = zip(entry.rms, entry.rows, strict=True), sum(entry.rows)
+        phases = ("" if rms is None else f"{rms:.4g} ({100.0 * n / whole:.3g} %)" for rms, n in pairs)
+        more = (entry.left_out or "", f"{entry.whole:.4g}") if left_out else ()
+        rows.append((entry.joint, *phases, entry.unit, *more))
     title = "RMS of the residual of all rows, and their share; at reversal: below 5 % of the top speed."
     return (Table((*header, *(("left out", "all rows") if left_out else ())), rows, (0, 4), title),)
 
@@ -261,13 +249,10 @@ def show_stiffness(found: "StiffnessEstimate") -> tuple[Block, ...]:
         if alignment.present[index]
     ]
     header = ("joint", "stiffness", "from", "to (95 %)", "unit", "explained/1e-6", "left/1e-6", "verdict")
-    springs = [
-        (
-            *(entry.joint, entry.stiffness, *(entry.interval or (None, None)), entry.unit),
-            *(1e6 * entry.explained, 1e6 * entry.left, entry.verdict.name.lower().replace("_", " ")),
-        )
-        for entry in found.joints
-    ]
+    springs = []
+    for entry in found.joints:
+        sizes = (1e6 * entry.explained, 1e6 * entry.left, entry.verdict.name.lower().replace("_", " "))
+        springs.append((entry.joint, entry.stiffness, *(entry.interval or (None, None)), entry.unit, *sizes))
     return (
         f"{found.robot}: the stiffness of {known} of {len(found.joints)} joints is identifiable",
         text,
@@ -443,17 +428,12 @@ def _show_joint_friction(entry: "JointFriction") -> list[Block]:
 
 def show_law_trials(selection: "estimators.LawSelection", title: str = "") -> Table:
     """Return the table of the laws that were compared, by torques held back."""
-    rows = [
-        (
-            trial.law,
-            trial.unknowns,
-            *(write_number(value, ".4f") for value in (trial.fitted_percent, trial.held_percent)),
-            trial.held_rms,
-            *(write_number(trial.ratio, ".4f"), write_number(trial.behind, ".1f")),
-            "chosen" if trial.law == selection.chosen else trial.reason,
-        )
-        for trial in selection.trials
-    ]
+    rows = list[Sequence[object]]()
+    for trial in selection.trials:
+        percent = (write_number(value, ".4f") for value in (trial.fitted_percent, trial.held_percent))
+        distance = (write_number(trial.ratio, ".4f"), write_number(trial.behind, ".1f"))
+        choice = "chosen" if trial.law == selection.chosen else trial.reason
+        rows.append((trial.law, trial.unknowns, *percent, trial.held_rms, *distance, choice))
     header = ("law", "unknowns", "fitted/%", "held out/%", "RMS", "squares", "behind/se", "choice")
     return Table(header, rows, (0, 7), title)
 
@@ -461,14 +441,10 @@ def show_law_trials(selection: "estimators.LawSelection", title: str = "") -> Ta
 def show_poses(poses: "PoseTest") -> tuple[Block, ...]:
     """Return the intervals of every parameter pose by pose, and where the poses are."""
     header = ("parameter", *(f"pose {k}, 95 %" for k in range(1, len(poses.poses) + 1)), "unit", "chance")
-    rows = [
-        (
-            entry.name,
-            *(f"{low:.4g} .. {high:.4g}" for low, high in entry.intervals),
-            *(entry.unit, f"{entry.chance:.2g}"),
-        )
-        for entry in poses.parameters
-    ]
+    rows = []
+    for entry in poses.parameters:
+        intervals = (f"{low:.4g} .. {high:.4g}" for low, high in entry.intervals)
+        rows.append((entry.name, *intervals, entry.unit, f"{entry.chance:.2g}"))
     places = (", ".join(f"{name} {place:.3g}" for name, place in pose.others) for pose in poses.poses)
     pairs = enumerate(zip(places, poses.poses, strict=True), start=1)
     lines = [f"pose {number}: {others} ({', '.join(pose.sources)})" for number, (others, pose) in pairs]

@@ -195,14 +195,16 @@ def _show_choice(estimate: Estimate) -> Iterator[Block]:
         yield "== Choice of the settings =="
         order = sorted(choice.candidates, key=lambda entry: entry.held_out)
         first = [choice.chosen, *(entry for entry in order if entry is not choice.chosen)]
-        rows = [
-            (
-                *(fit_text.write_number(value, ".3g") for value in (entry.band, entry.instruments)),
-                *(entry.states, f"{entry.held_out:.3g}", f"{entry.fall:.3g}", f"{entry.p:.2g}"),
-                *(f"{entry.consistent:.2g}", "taken" if entry is choice.chosen else ""),
+        rows = []
+        for entry in first[:_CANDIDATES]:
+            bands = (fit_text.write_number(value, ".3g") for value in (entry.band, entry.instruments))
+            sizes = (
+                f"{entry.held_out:.3g}",
+                f"{entry.fall:.3g}",
+                f"{entry.p:.2g}",
+                f"{entry.consistent:.2g}",
             )
-            for entry in first[:_CANDIDATES]
-        ]
+            rows.append((*bands, entry.states, *sizes, "taken" if entry is choice.chosen else ""))
         title = (
             f"The best of {len(first)} settings that were compared, with the one taken: of those that "
             "predict as well as the best (squares left, over those of the best; p of chance) and agree with "

@@ -308,15 +308,9 @@ def describe_export(found: "FileExport") -> dict[str, object]:
         "not_identified": found.missing,
         "cost_percent": {entry.joint: entry.percent for entry in found.costs},
     }
-    return {
-        "file": str(found.file),
-        "format": found.format,
-        "robot": found.robot.name,
-        "elastic": any(found.robot.elastic),
-        "outcome": found.outcome,
-        **(bodies or {}),
-        "left_out": found.left_out,
-    }
+    head = {"file": str(found.file), "format": found.format, "robot": found.robot.name}
+    how = {"elastic": any(found.robot.elastic), "outcome": found.outcome}
+    return {**head, **how, **(bodies or {}), "left_out": found.left_out}
 
 
 def summarise_robot(robot: Robot) -> str:
@@ -332,14 +326,10 @@ def show_robot_check(robot: Robot, checked: "LogsCheck") -> tuple[Block, ...]:
     if not checked.logs:
         return (head,)
     header = ("log", "samples", "duration/s", "period/s", "velocity", "second encoder")
-    read = [(log.recording, log.timing) for log in checked.logs]
-    rows: list[Sequence[object]] = [
-        (
-            *(log.source, timing.samples, timing.duration, log.period),
-            *(log.velocity is not None, logs.get_second_encoder_side(log)),
-        )
-        for log, timing in read
-    ]
+    rows = list[Sequence[object]]()
+    for log, timing in ((entry.recording, entry.timing) for entry in checked.logs):
+        channels = (log.velocity is not None, logs.get_second_encoder_side(log))
+        rows.append((log.source, timing.samples, timing.duration, log.period, *channels))
     blocks: list[Block] = [Table(header, rows, (0, 5), head)]
     blocks += [show_joints(log.recording.source, log.joints) for log in checked.logs]
     if checked.copy is not None:
@@ -420,24 +410,26 @@ def describe_log(
 def show_joints(source: str, joints: "tuple[JointSummary, ...]") -> Table:
     """Return the table of a log's joints."""
     header = ("joint", "from", "to", "top speed", "unit", "step", "still/%", "rms torque", "peak")
-    rows = [
-        (
-            *(joint.name, joint.low, joint.high, joint.speed, joint.unit, joint.step or None),
-            *(100.0 * joint.standstill, joint.torque, joint.peak, 100.0 * joint.saturated),
+    rows = []
+    for joint in joints:
+        motion = (
+            joint.low,
+            joint.high,
+            joint.speed,
+            joint.unit,
+            joint.step or None,
+            100.0 * joint.standstill,
         )
-        for joint in joints
-    ]
+        rows.append((joint.name, *motion, joint.torque, joint.peak, 100.0 * joint.saturated))
     return Table((*header, "at peak/%"), rows, (0, 4), source)
 
 
 def list_remarks(robot: Robot, found: "OptimisedExcitation", seed: int) -> tuple[str, ...]:
     """Return what stands at the head of a trajectory's file."""
+    sizes = f"{found.condition:.4g}, best of random ones {found.random_condition:.4g}"
     return (
         f"{robot.name}: {found.trajectory.source}, seed {seed}",
-        (
-            f"condition number of the scaled regressor {found.condition:.4g}, best of random ones "
-            f"{found.random_condition:.4g}"
-        ),
+        f"condition number of the scaled regressor {sizes}",
         f"of every limit at least {1.0 - max(margin.share or 0.0 for margin in found.margins):.1%} is left",
     )
 

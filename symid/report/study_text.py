@@ -222,15 +222,15 @@ def _list_gains(found: Sequence[paper.GainStudy]) -> Table:
 
 def _list_contest(contest: paper.EstimatorComparison) -> Table:
     timed = any(math.isfinite(run.seconds) for run in contest.runs)
-    rows = [
-        (
-            *(run.estimator, f"{run.objective:.6f}", f"{run.excess:.1e}"),
-            *(run.evaluations, run.solves, run.iterations),
+    rows = list[Sequence[object]]()
+    for run in (entry for entry in contest.runs if not entry.reason):
+        costs = (
+            run.evaluations,
+            run.solves,
+            run.iterations,
             *([f"{1e3 * run.seconds:.0f}"] if timed else []),
         )
-        for run in contest.runs
-        if not run.reason
-    ]
+        rows.append((run.estimator, f"{run.objective:.6f}", f"{run.excess:.1e}", *costs))
     header = ("estimator", "sum of squares", "excess", "evaluations", "linear problems", "iterations")
     note = ["Excess: over the least sum of squares of all. Every estimator with its defaults."]
     if timed:
@@ -243,29 +243,21 @@ def _list_contest(contest: paper.EstimatorComparison) -> Table:
 
 def show_friction_tables(study: paper.FrictionStudy) -> tuple[Block, ...]:
     """Return the tables of joint friction, the paper's and ours, and the claims on ours."""
-    checks = [
-        textwrap.fill(
-            f"{write_check_outcome(check):8}  {check.name}: {check.found} (required: {check.bar})",
-            width=_WIDTH,
-            subsequent_indent=" " * 10,
-        )
-        for check in study.checks
-    ]
-    return (*list_tables(study), "\n".join(("claims and results", *checks)))
+    checks = ["claims and results"]
+    for check in study.checks:
+        text = f"{write_check_outcome(check):8}  {check.name}: {check.found} (required: {check.bar})"
+        checks.append(textwrap.fill(text, width=_WIDTH, subsequent_indent=" " * 10))
+    return (*list_tables(study), "\n".join(checks))
 
 
 def show_precision(study: "studies.PrecisionStudy") -> tuple[Block, ...]:
     """Return the errors of every method over the Cramer-Rao bound."""
     header = ("method", "mean", "worst", "of", "95 % held, %", "price at most, %", "least eigenvalue")
-    rows = [
-        (
-            *(entry.method, f"{entry.mean_ratio:.3f}", f"{entry.worst_ratio:.3f}", entry.worst),
-            write_number(entry.coverage_percent, ".1f"),
-            write_number(entry.worst_price_percent, ".2g"),
-            write_number(entry.least_eigenvalue, ".3g"),
-        )
-        for entry in study.methods
-    ]
+    rows = []
+    for entry in study.methods:
+        ratios = (f"{entry.mean_ratio:.3f}", f"{entry.worst_ratio:.3f}", entry.worst)
+        percent = (f"{entry.coverage_percent:.1f}", f"{entry.worst_price_percent:.2g}")
+        rows.append((entry.method, *ratios, *percent, write_number(entry.least_eigenvalue, ".3g")))
     title = (
         f"{study.robot}: {len(study.names)} parameters, five random excitations of {study.samples} "
         f"samples, condition {study.condition:.3g}, {study.seeds} seeds;\n"
@@ -362,13 +354,11 @@ def show_tracking(study: "studies.elastic_methods.TrackingStudy") -> tuple[Block
     """Return the tracking errors with every model, and which differences are significant."""
     heading = ["case", *(f"{name} rms/mrad" for name in study.joints)]
     rows = [[case, *(f"{1e3 * spread.median:.4g}" for spread in spreads)] for case, spreads in study.rms]
-    differences = [
-        (
-            *(f"{entry.first} less {entry.second}", entry.joint, f"{1e3 * found.mean:.4g}"),
-            *(f"{1e3 * found.low:.4g} .. {1e3 * found.high:.4g}", found.verdict),
-        )
-        for entry, found in ((entry, entry.difference) for entry in study.comparisons)
-    ]
+    differences = []
+    for entry in study.comparisons:
+        mean, low, high = (f"{1e3 * getattr(entry.difference, name):.4g}" for name in ("mean", "low", "high"))
+        named = (f"{entry.first} less {entry.second}", entry.joint)
+        differences.append((*named, mean, f"{low} .. {high}", entry.difference.verdict))
     return (
         f"{study.robot}: tracking of the held-out motion, medians over {study.seeds} seeds",
         Table(heading, rows),

@@ -122,16 +122,10 @@ def _show_elastic_trial(found: ElasticValidation) -> tuple[Block, ...]:
         )
     if tracking is None:
         return tuple(blocks)
-    rows = [
-        [
-            joint.name,
-            run.name,
-            *(1e3 * float(part[k]) for part in (run.rms, run.peak)),
-            f"m{_UNITS[joint.prismatic]}",
-        ]
-        for k, joint in enumerate(found.robot.axes)
-        for run in tracking.runs
-    ]
+    rows = list[Sequence[object]]()
+    for k, joint in enumerate(found.robot.axes):
+        sizes = ((run.name, 1e3 * float(run.rms[k]), 1e3 * float(run.peak[k])) for run in tracking.runs)
+        rows += [(joint.name, *size, f"m{_UNITS[joint.prismatic]}") for size in sizes]
     text = (
         f"Tracking of {tracking.trajectory.source}: closed loop of the robot file's values, which the "
         "feed-forward does not use. The rigid feed-forward has dynamics and friction of Case 1."
@@ -227,22 +221,19 @@ def _show_compared(ours: "EstimateSide", found: "Compared") -> tuple[Block, ...]
     other, comparison = found.other, found.comparison
     columns = "" if other.columns is None else f", column {other.columns.value!r}"
     read = any(entry.read_as for entry in found.groups)
-    rows = [
-        (
-            *(value.group, value.theirs, value.theirs_std, value.ours, value.ours_std),
-            *(_format_deviations(value.deviations, "+", 2), *([value.read_as] if read else [])),
-        )
-        for value in found.values
-    ]
+    rows = list[Sequence[object]]()
+    for value in found.values:
+        away = (_format_deviations(value.deviations, "+", 2), *([value.read_as] if read else []))
+        rows.append((value.group, value.theirs, value.theirs_std, value.ours, value.ours_std, *away))
     header = ["group", "other", "std", "ours", "std", "in std", *(["read as"] if read else [])]
     lines = ["largest differences"]
     for place in comparison.list_farthest():
-        away = float(comparison.deviations[place])
+        distance = float(comparison.deviations[place])
         mine, theirs = float(comparison.ours.values[place]), float(comparison.theirs.values[place])
         share = f" ({100.0 * (mine - theirs) / abs(theirs):+.3g} %)" if theirs else ""
         lines.append(
-            f"  {found.groups[place].text}: ours {mine:.4g} is {_format_deviations(abs(away))} "
-            f"deviations {'above' if away > 0 else 'below'} the other's {theirs:.4g}{share}"
+            f"  {found.groups[place].text}: ours {mine:.4g} is {_format_deviations(abs(distance))} "
+            f"deviations {'above' if distance > 0 else 'below'} the other's {theirs:.4g}{share}"
         )
     with_these = " with these" if found.absent or found.neither else ""
     span = f"the groups of the other{with_these} span all base parameters, exactly"

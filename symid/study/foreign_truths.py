@@ -76,7 +76,7 @@ _SINES = 2.0 * math.pi * np.array([[1.0, 0.5, 0.2], [0.2, 1.0, 0.5], [0.5, 0.2, 
 _PHASES = math.pi * np.array([[0.0, 1 / 6, 1 / 4], [0.0, 1 / 5, 1 / 2], [0.0, 1 / 3, 1 / 7]])
 _NUDGE = 1e-3
 _WAITING = 0.5
-"""rad."""
+"""rad, of joints that TB does not move."""
 AUTOMATIC = "automatic"
 FOREIGN_METHODS = tuple(method for method in METHODS if method != AUTOMATIC)
 _NEAR = 1.2

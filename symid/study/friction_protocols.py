@@ -49,13 +49,13 @@ Draw: TypeAlias = tuple[friction.FrictionEstimate, ...]
 RACERS = ("genetic", "annealing")
 """The genetic algorithm and its hybrid with simulated annealing, of Table 2."""
 RECOVERY_SAMPLES = 1000
-"""Of each cosine."""
+"""Of each of its cosines."""
 NOT_IDENTIFIABLE = 0.5
 """Cramer-Rao deviation over value from which on a parameter counts as not identifiable."""
 LAWS = ("coulomb-viscous", "stribeck", "improved-stribeck")
 """In the order of the paper's columns; each is fitted again to every draw."""
 PEAK = 0.117
-"""Of the cosine, rad/s."""
+"""Of the cosine of protocol S3, rad/s."""
 GAIN_SAMPLES = 2000
 CALIBRATION = (
     "Calibrated: the noise of each joint, so that the gain over Coulomb + viscous is the paper's (that gain "
@@ -352,12 +352,11 @@ def summarise_race(title: str, draws: Sequence[Draw]) -> SearchRace:
     means = counts.mean(axis=0).tolist()
     plain, hybrid = (SearchCost(name, sizes[name], *row) for name, row in zip(RACERS, means, strict=True))
     fewer, cheaper = np.sum(counts[:, 1, :2] < counts[:, 0, :2], axis=0).tolist()
-    texts = []
-    for what, one, other in zip(("generations", "evaluations"), *means, strict=False):
-        change = 100.0 * (other / one - 1.0)
-        side = f"{abs(change):.0f} % {'fewer' if change < 0.0 else 'more'}"
-        texts.append(f"{other:.0f} against {one:.0f} {what}, {side}")
-    generations, evaluations = texts
+    changes = [(one, other, 100.0 * (other / one - 1.0)) for one, other in zip(*means, strict=True)]
+    generations, evaluations = (
+        f"{other:.0f} against {one:.0f} {what}, {abs(change):.0f} % {'fewer' if change < 0.0 else 'more'}"
+        for what, (one, other, change) in zip(("generations", "evaluations"), changes, strict=False)
+    )
     return SearchRace(
         title=title,
         draws=len(draws),
@@ -391,6 +390,7 @@ def compare_estimators(
     least of the times.
     """
     law, runs = get_law(scene.law), []
+    same = ("objective", "evaluations", "solves", "iterations", "history")
     for estimator in friction.ESTIMATORS:
         seconds = []
         try:
@@ -403,15 +403,12 @@ def compare_estimators(
             reason = "; ".join(notice.text for notice in error.notices)
             runs.append(EstimatorRun(estimator=estimator, reason=reason))
             continue
-        counts = {name: getattr(found, name) for name in ("evaluations", "solves", "iterations")}
         run = EstimatorRun(
             estimator=estimator,
             values=law.to_physical(found.linear, found.shape),
-            objective=found.objective,
-            **counts,
+            **{name: getattr(found, name) for name in same},
             seconds=min(seconds) if timed else math.nan,
             outcome=found.outcome.value,
-            history=found.history,
         )
         runs.append(run)
     least = min(run.objective for run in runs if not run.reason)
@@ -506,12 +503,10 @@ def summarise_recovery(scene: FrictionScene, found: Sequence[Draw]) -> Recovery:
         draws=len(found),
         solves=max(fit.solves for fit, *_ in found),
         parameters=tuple(
-            RecoveredParameter(
-                name=entry.name,
-                unit=entry.unit,
-                **{name: column[k].item() for name, column in columns.items()},
+            RecoveredParameter(name=entry.name, unit=entry.unit, **dict(zip(columns, row, strict=True)))
+            for entry, *row in zip(
+                law.physical, *(column.tolist() for column in columns.values()), strict=True
             )
-            for k, entry in enumerate(law.physical)
         ),
     )
 
@@ -637,107 +632,80 @@ def list_checks(
     races: Sequence[SearchRace],
 ) -> tuple[FrictionCheck, ...]:
     """Return all claims, in the order of the tables."""
-    checks: list[FrictionCheck] = []
+    checks = list[FrictionCheck]()
+
+    def add(name: str, bar: str, found: str, *, met: bool | None) -> None:
+        checks.append(FrictionCheck(name=name, bar=bar, found=found, met=met))
+
     for study in agreement:
         where = f"S1, peak {study.sweep.peak:g} rad/s"
         exact = [row for row in study.rows if not row.by_chance]
         excess, worst = max(row.excess for row in exact), max(row.error for row in exact)
-        checks += [
-            FrictionCheck(
-                name=f"{where}: {', '.join(row.estimator for row in exact)} agree on the sum of squares",
-                bar=f"{AGREEMENT:g} relative",
-                found=f"{excess:.1e} in {study.draws} draws",
-                met=excess <= AGREEMENT,
-            ),
-            *(
-                FrictionCheck(
-                    name=f"{where}: {row.estimator} reaches the sum of squares",
-                    bar=f"within {100.0 * NEARNESS:g} % in every draw",
-                    found=f"{row.agreed} of {row.draws} draws, worst {100.0 * row.excess:.2g} %",
-                    met=row.agreed == row.draws,
-                )
-                for row in study.rows
-                if row.by_chance
-            ),
-            FrictionCheck(
-                name=f"{where}: estimates of the deterministic estimators",
-                bar="within 3 Cramer-Rao deviations",
-                found=f"the farthest of {len(study.truth) * study.draws} is {worst:.2f} away",
-                met=worst <= 3.0,
-            ),
-        ]
-    checks.append(
-        FrictionCheck(
-            name="Table 2: the hybrid against the genetic algorithm",
-            bar="far fewer generations and more efficient in the paper, which does not print its algorithms",
-            found=conclude_races(races),
-            met=None,
+        names, found = ", ".join(row.estimator for row in exact), f"{excess:.1e} in {study.draws} draws"
+        add(
+            f"{where}: {names} agree on the sum of squares",
+            f"{AGREEMENT:g} relative",
+            found,
+            excess <= AGREEMENT,
         )
-    )
+        bar = f"within {100.0 * NEARNESS:g} % in every draw"
+        for row in (row for row in study.rows if row.by_chance):
+            found = f"{row.agreed} of {row.draws} draws, worst {100.0 * row.excess:.2g} %"
+            add(
+                f"{where}: {row.estimator} reaches the sum of squares",
+                bar,
+                found,
+                met=row.agreed == row.draws,
+            )
+        name, bar = f"{where}: estimates of the deterministic estimators", "within 3 Cramer-Rao deviations"
+        add(
+            name,
+            bar,
+            f"the farthest of {len(study.truth) * study.draws} is {worst:.2f} away",
+            met=worst <= 3.0,
+        )
+    bar = "far fewer generations and more efficient in the paper, which does not print its algorithms"
+    add("Table 2: the hybrid against the genetic algorithm", bar, conclude_races(races), met=None)
     for entry in recovery:
         ratio = max(entry.parameters, key=lambda parameter: abs(parameter.ratio - 1.0))
         bias = max(entry.parameters, key=lambda parameter: abs(parameter.bias))
-        checks += [
-            FrictionCheck(
-                name=f"S2, joint {entry.joint}: standard deviations",
-                bar=f"within {100.0 * _RATIO:g} % of the Cramer-Rao bound",
-                found=f"{100.0 * (ratio.ratio - 1.0):+.1f} % at most, {ratio.name}, {entry.draws} draws",
-                met=abs(ratio.ratio - 1.0) <= _RATIO if entry.draws >= _ENOUGH else None,
-            ),
-            FrictionCheck(
-                name=f"S2, joint {entry.joint}: bias",
-                bar=f"below {_BIAS:g} standard deviations",
-                found=f"{bias.bias:+.3f} at most, {bias.name}, {entry.draws} draws",
-                met=abs(bias.bias) < _BIAS if entry.draws >= _ENOUGH else None,
-            ),
-        ]
-    checks += [
-        FrictionCheck(
-            name=f"S3, joint {entry.joint}: improved against Coulomb + viscous (the noise was set for this)",
-            bar=f"within {_POINTS:g} point of {entry.viscous.paper:g} %",
-            found=f"{entry.viscous.mean:.1f} %, mean of {entry.draws} draws",
-            met=abs(entry.viscous.miss) <= _POINTS if entry.draws >= _ENOUGH else None,
-        )
-        for entry in gains
-    ]
-    checks += [
-        FrictionCheck(
-            name=f"S3, joint {entry.joint}: improved against original Stribeck (a prediction)",
-            bar=f"{entry.stribeck.paper:g} % in the paper",
-            found=f"{entry.stribeck.mean:.1f} %: {entry.stribeck.describe_miss()}",
-            met=None,
-        )
-        for entry in gains
-    ]
-    checks += [_check_second(entry) for entry in second]
-    limit = friction.FrictionOptions().solves
-    for contest in contests:
-        run = next(entry for entry in contest.runs if entry.estimator == _DEFAULT)
-        check = FrictionCheck(
-            name=f"{contest.title}: {_DEFAULT} has the least objective of all estimators",
-            bar=f"{AGREEMENT:g} relative, {limit} linear problems at most",
-            found=f"{run.excess:.1e} above the least, {run.solves} linear problems",
-            met=run.excess <= AGREEMENT and run.solves <= limit,
-        )
-        checks.append(check)
-    return tuple(checks)
-
-
-def _check_second(study: Recovery) -> FrictionCheck:
-    known = [entry for entry in study.parameters if entry.identifiable]
-    lost = [entry.name for entry in study.parameters if not entry.identifiable]
-    inside = min((entry.inside for entry in known), default=0)
-    mean = max((abs(entry.mean - entry.truth) / entry.bound for entry in known), default=0.0)
-    found = f"means {mean:.2f} bounds off at most; {inside} of {study.draws} draws within 3"
-    if lost:
-        found += f"; not identifiable, bound beyond {100.0 * NOT_IDENTIFIABLE:g} %: {', '.join(lost)}"
-    return FrictionCheck(
-        name=f"{study.joint}: parameters within 3 Cramer-Rao deviations of the published ones",
+        enough, name = entry.draws >= _ENOUGH, f"S2, joint {entry.joint}"
+        bar = f"within {100.0 * _RATIO:g} % of the Cramer-Rao bound"
+        found = f"{100.0 * (ratio.ratio - 1.0):+.1f} % at most, {ratio.name}, {entry.draws} draws"
+        met = abs(ratio.ratio - 1.0) <= _RATIO if enough else None
+        add(f"{name}: standard deviations", bar, found, met=met)
+        found = f"{bias.bias:+.3f} at most, {bias.name}, {entry.draws} draws"
+        met = abs(bias.bias) < _BIAS if enough else None
+        add(f"{name}: bias", f"below {_BIAS:g} standard deviations", found, met=met)
+    for gain in gains:
+        name = f"S3, joint {gain.joint}: improved against Coulomb + viscous (the noise was set for this)"
+        bar = f"within {_POINTS:g} point of {gain.viscous.paper:g} %"
+        met = abs(gain.viscous.miss) <= _POINTS if gain.draws >= _ENOUGH else None
+        add(name, bar, f"{gain.viscous.mean:.1f} %, mean of {gain.draws} draws", met=met)
+    for gain in gains:
+        name = f"S3, joint {gain.joint}: improved against original Stribeck (a prediction)"
+        found = f"{gain.stribeck.mean:.1f} %: {gain.stribeck.describe_miss()}"
+        add(name, f"{gain.stribeck.paper:g} % in the paper", found, met=None)
+    for entry in second:
+        known = [one for one in entry.parameters if one.identifiable]
+        lost = [one.name for one in entry.parameters if not one.identifiable]
+        inside = min((one.inside for one in known), default=0)
+        mean = max((abs(one.mean - one.truth) / one.bound for one in known), default=0.0)
+        found = f"means {mean:.2f} bounds off at most; {inside} of {entry.draws} draws within 3"
+        if lost:
+            found += f"; not identifiable, bound beyond {100.0 * NOT_IDENTIFIABLE:g} %: {', '.join(lost)}"
+        name = f"{entry.joint}: parameters within 3 Cramer-Rao deviations of the published ones"
         # Three deviations hold 99.7 percent of normal estimates.
-        bar="mean of the draws; 97 % of them",
-        found=found,
-        met=mean <= 3.0 and inside >= 0.97 * study.draws if study.draws >= _ENOUGH else None,
-    )
+        met = mean <= 3.0 and inside >= 0.97 * entry.draws if entry.draws >= _ENOUGH else None
+        add(name, "mean of the draws; 97 % of them", found, met=met)
+    limit = friction.FrictionOptions().solves
+    bar = f"{AGREEMENT:g} relative, {limit} linear problems at most"
+    for contest in contests:
+        run = next(one for one in contest.runs if one.estimator == _DEFAULT)
+        name = f"{contest.title}: {_DEFAULT} has the least objective of all estimators"
+        found = f"{run.excess:.1e} above the least, {run.solves} linear problems"
+        add(name, bar, found, met=run.excess <= AGREEMENT and run.solves <= limit)
+    return tuple(checks)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

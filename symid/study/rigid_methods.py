@@ -48,7 +48,7 @@ _BATCH = 20
 _NORMAL_95 = 1.959963984540054
 CUTOFFS = (10.0, 15.0, 20.0, 30.0, 50.0, 75.0, 100.0, 150.0, 200.0, 300.0)
 BAND = 10.0
-"""Of the comparison, in Hz."""
+"""Of the comparison of cut-offs, in Hz."""
 _HIGHEST_CUTOFF = 0.45
 
 
