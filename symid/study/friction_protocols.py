@@ -642,28 +642,16 @@ def list_checks(
         exact = [row for row in study.rows if not row.by_chance]
         excess, worst = max(row.excess for row in exact), max(row.error for row in exact)
         names, found = ", ".join(row.estimator for row in exact), f"{excess:.1e} in {study.draws} draws"
-        add(
-            f"{where}: {names} agree on the sum of squares",
-            f"{AGREEMENT:g} relative",
-            found,
-            excess <= AGREEMENT,
-        )
+        name, bar = f"{where}: {names} agree on the sum of squares", f"{AGREEMENT:g} relative"
+        add(name, bar, found, met=excess <= AGREEMENT)
         bar = f"within {100.0 * NEARNESS:g} % in every draw"
         for row in (row for row in study.rows if row.by_chance):
+            name = f"{where}: {row.estimator} reaches the sum of squares"
             found = f"{row.agreed} of {row.draws} draws, worst {100.0 * row.excess:.2g} %"
-            add(
-                f"{where}: {row.estimator} reaches the sum of squares",
-                bar,
-                found,
-                met=row.agreed == row.draws,
-            )
+            add(name, bar, found, met=row.agreed == row.draws)
         name, bar = f"{where}: estimates of the deterministic estimators", "within 3 Cramer-Rao deviations"
-        add(
-            name,
-            bar,
-            f"the farthest of {len(study.truth) * study.draws} is {worst:.2f} away",
-            met=worst <= 3.0,
-        )
+        found = f"the farthest of {len(study.truth) * study.draws} is {worst:.2f} away"
+        add(name, bar, found, met=worst <= 3.0)
     bar = "far fewer generations and more efficient in the paper, which does not print its algorithms"
     add("Table 2: the hybrid against the genetic algorithm", bar, conclude_races(races), met=None)
     for entry in recovery:
