@@ -162,9 +162,8 @@ def open_address(name: str) -> "tuple[fsspec.AbstractFileSystem, str]":
         text = f"{name}: {error}; addresses need fsspec: pip install 'symid[cluster]'"
         raise UsageError(Notice(code="usage.no-fsspec", text=text)) from error
     except Exception as error:
-        raise InputError(
-            Notice(code="fleet.address", text=f"cannot be opened: {error}", file=name)
-        ) from error
+        text = f"cannot be opened: {error}"
+        raise InputError(Notice(code="fleet.address", text=text, file=name)) from error
     return system, path
 
 
@@ -181,9 +180,9 @@ def _join_robot(folder: str, robot: str) -> str:
 
 def _name_job(job: FleetJob) -> FleetJob:
     """Return a job with the name and the night that its first log has: ROBOT/NIGHT.suffix."""
-    first = PurePosixPath(job.logs[0]) if job.logs else PurePosixPath(job.robot)
     if not job.logs:
-        return replace(job, name=job.name or first.stem)
+        return replace(job, name=job.name or PurePosixPath(job.robot).stem)
+    first = PurePosixPath(job.logs[0])
     return replace(job, name=job.name or first.parent.name, night=job.night or first.stem)
 
 
@@ -199,9 +198,8 @@ def list_logs(name: str) -> tuple[str, ...]:
         try:
             found = system.glob(path) if pattern else system.find(path)
         except Exception as error:
-            raise InputError(
-                Notice(code="fleet.address", text=f"cannot be read: {error}", file=name)
-            ) from error
+            text = f"cannot be read: {error}"
+            raise InputError(Notice(code="fleet.address", text=text, file=name)) from error
         found = [system.unstrip_protocol(entry) for entry in found]
     elif pattern:
         found = glob.glob(name, recursive=True)  # noqa: PTH207  the pattern may be absolute
@@ -209,7 +207,7 @@ def list_logs(name: str) -> tuple[str, ...]:
         found = [str(entry) for entry in Path(name).rglob("*") if entry.is_file()]
     logs = [entry for entry in found if pattern or PurePosixPath(entry).suffix.lower() in SUFFIXES]
     if not logs:
-        text = f"no logs found; expected files such as {'ROBOT/NIGHT.parquet'} ({', '.join(SUFFIXES)})"
+        text = f"no logs found; expected files such as ROBOT/NIGHT.parquet ({', '.join(SUFFIXES)})"
         raise InputError(Notice(code="fleet.no-logs", text=text, file=name))
     return tuple(sorted(logs))
 

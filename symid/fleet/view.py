@@ -216,10 +216,8 @@ def find_changes(
     tested = [_test_series(entry, factor) for entry, factor in known if factor > 0.0]
     if not tested:
         return ()
-    adjusted = adjust_probabilities(np.array([entry.p for entry in tested]), control)
-    found = [
-        replace(entry, adjusted=float(q)) for entry, q in zip(tested, adjusted, strict=True) if q <= level
-    ]
+    pairs = zip(tested, adjust_probabilities(np.array([entry.p for entry in tested]), control), strict=True)
+    found = [replace(entry, adjusted=float(q)) for entry, q in pairs if q <= level]
     return tuple(sorted(found, key=lambda entry: (entry.p, -abs(entry.sigma), entry.name, entry.quantity)))
 
 
@@ -303,13 +301,15 @@ class Fleet(PagedResult):
             return ("No robot changed.",) if len(nights) > 1 else ()
         holm, many = self.control == "holm", len(found) > _MOST_SHOWN
         kind = "Any false alarm is as rare as" if holm else "Of these, false alarms are at most"
-        rows = [
-            (
-                *(entry.name, _name_quantity(entry), entry.since, f"{entry.before:.5g}"),
-                *(f"{entry.after:.5g}", f"{entry.sigma:+.1f}", f"{entry.adjusted:.1g}", entry.unit),
+        rows = []
+        for entry in found[:_MOST_SHOWN]:
+            numbers = (
+                f"{entry.before:.5g}",
+                f"{entry.after:.5g}",
+                f"{entry.sigma:+.1f}",
+                f"{entry.adjusted:.1g}",
             )
-            for entry in found[:_MOST_SHOWN]
-        ]
+            rows.append((entry.name, _name_quantity(entry), entry.since, *numbers, entry.unit))
         table = Table(
             ("robot", "what", "since", "before", "after", "sigma", "adjusted p", "unit"),
             rows,

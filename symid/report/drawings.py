@@ -3,15 +3,11 @@
 Robot and pose, recording and its check, motion and its limits -> `Drawing`, each with a question and its
 answer in the caption.
 
-    frame of a joint    that of its parent times its placement, turned or moved along z by q
-    link                from one joint's origin across to the next axis, then along it
-
 Figures with their data can also be drawn into axes of matplotlib, by methods of the axes, so that nothing of
-it is imported; `pip install 'symid[plot]'` brings it.
+it is imported.
 
-Supported: trees, prismatic joints, joints that follow another; lengths in symbols are drawn as half a metre
-where they have no value. Not supported: shapes of links; collisions; in axes of matplotlib
-skeletons, flow charts and histograms, which have no such data.
+Supported: trees, prismatic joints, joints that follow another. Not supported: shapes of links; in axes of
+matplotlib skeletons, flow charts and histograms, which have no such data.
 """
 
 from collections.abc import Iterator, Sequence
@@ -161,10 +157,8 @@ def _draw_channels(
         rows = [k for k, joint in enumerate(robot.axes) if joint.prismatic == bool(prismatic)]
         for start in range(0, len(rows), len(figures.STYLES)):
             group = rows[start : start + len(figures.STYLES)]
-            lines = [
-                figures.Line(robot.axes[k].name, style, time, values[:, k])
-                for k, style in zip(group, figures.STYLES, strict=False)
-            ]
+            styled = zip(group, figures.STYLES, strict=False)
+            lines = [figures.Line(robot.axes[k].name, style, time, values[:, k]) for k, style in styled]
             spots = [] if marked is None else [(time[marked[:, k]], values[marked[:, k], k]) for k in group]
             if sum(len(x) for x, _ in spots):
                 x, y = (np.concatenate(part) for part in zip(*spots, strict=True))

@@ -344,13 +344,10 @@ def _compare_methods(estimate: ElasticEstimate) -> Iterator[Block]:
     names = [f"{trial.method}{' (chosen)' * (trial.method == estimate.method)}" for trial in trials]
     columns = [map(_format_score, scores) for scores in measures.values()]
     yield _PREDICTION
-    yield Table(
-        ("method", *measures, "outcome"),
-        tuple(zip(names, *columns, (trial.outcome.value for trial in trials), strict=True)),
-        (0, len(measures) + 1),
-        "Methods on the same logs. Less is better.",
-        picked=chosen.index(True) if any(chosen) else None,
-    )
+    rows = tuple(zip(names, *columns, (trial.outcome.value for trial in trials), strict=True))
+    header, left = ("method", *measures, "outcome"), (0, len(measures) + 1)
+    picked = chosen.index(True) if any(chosen) else None
+    yield Table(header, rows, left, "Methods on the same logs. Less is better.", picked=picked)
     for measure, scores in measures.items():
         marks = [
             figures.Mark(name, score, _format_score(score), mine)

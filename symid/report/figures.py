@@ -1,8 +1,5 @@
 """Figures as inline SVG: lines, curves, clouds, areas, histograms, values in rows; flow charts, arms.
 
-Values with labels and units -> `Drawing`, whose caption is also its title for screen readers, in colours for
-light and dark backgrounds. The same input gives the same text.
-
 Lines have at most 2000 points: functions of one variable keep every peak, curves that turn back on
 themselves, such as hysteresis loops, keep their corners (Ramer 1972, Douglas and Peucker 1973).
 
@@ -252,10 +249,8 @@ def thin_line(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     if len(x) <= POINTS:
         return x, y
     edges = np.linspace(0, len(x), POINTS // 2 + 1).astype(int)
-    kept: set[int] = set()
-    for start, end in pairwise(edges):
-        kept |= {int(start + np.argmin(y[start:end])), int(start + np.argmax(y[start:end]))}
-    index = np.array(sorted(kept))
+    ends = ((start, y[start:end]) for start, end in pairwise(edges))
+    index = np.unique([start + find(part) for start, part in ends for find in (np.argmin, np.argmax)])
     return x[index], y[index]
 
 
@@ -437,8 +432,8 @@ def build_mark_figure(
     room = 18.0 + _DIGIT * max(len(entry.text) for entry in marks)
     share = room / max(WIDTH - left - room, _LEAST_ROOM)
     if logarithmic:
-        end, start = math.log10(axis.high), math.log10(axis.low)
-        is_beyond = end + share * (end - start) > math.log10(_LARGEST)
+        highest = math.log10(axis.high)
+        is_beyond = highest + share * (highest - math.log10(axis.low)) > math.log10(_LARGEST)
         high = _LARGEST if is_beyond else min(axis.high * (axis.high / axis.low) ** share, _LARGEST)
     else:
         high = axis.high + share * (axis.high - axis.low)

@@ -13,7 +13,6 @@ Not supported: figure 5, the test of poses, which needs recordings.
 import math
 import textwrap
 from collections.abc import Sequence
-from itertools import chain
 
 import numpy as np
 
@@ -405,12 +404,12 @@ def build_friction_study_page(study: paper.FrictionStudy) -> Page:
         ),
     )
     titled = ((f"=== Counterpart of Figure {name} ===", figure) for name, figure in counterparts)
-    drawn = chain.from_iterable(titled)
+    drawn = [block for pair in titled for block in pair]
     rows = [(check.name, check.bar, check.found, write_check_outcome(check)) for check in study.checks]
     title = "Claims and results. Reported: no requirement, or too few draws to judge."
     checks = Table(("claim", "required", "result", "outcome"), rows, (0, 1, 2, 3), title)
     names = ("Table 1", "Table 3", "Table 4", "the second robot")
-    parts = zip(names, (study.agreement, study.recovery, study.gains, study.second), strict=True)
+    draws = [part[0].draws for part in (study.agreement, study.recovery, study.gains, study.second)]
     reported = [check for check in study.checks if check.met is None]
     missed = [check for check in study.checks if check.met is not None and not check.met]
     judged = len(study.checks) - len(reported)
@@ -446,7 +445,7 @@ def build_friction_study_page(study: paper.FrictionStudy) -> Page:
         more=("== Counterparts of the paper's figures ==", *drawn),
         settings=(
             ("seeds", f"{seed} to {last}"),
-            *((f"draws of {name}", str(found[0].draws)) for name, found in parts),
+            *((f"draws of {name}", str(count)) for name, count in zip(names, draws, strict=True)),
             ("default estimator", "varpro"),
         ),
     )

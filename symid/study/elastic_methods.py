@@ -14,10 +14,9 @@ Robot, seeds -> `TrackingStudy`: how links follow TC in closed loop with feed-fo
     Case 2  from the same logs, by the procedures that identify dynamics and hysteresis apart
     rigid   dynamics of Case 1, springs left out
 
-Robot, library, seed -> `ManyJointsResult`, of any number of joints: the torque that elimination and momentum
-rows leave unexplained. Two random motions within the robot's limits are identified together, a third
-is held out. Energy rows separate the parameters of many joints badly: their condition number stands beside
-those of the other rows.
+Robot, library, seed -> `ManyJointsResult`, of any number of joints: the torque of a third random motion that
+elimination and momentum rows of two others leave unexplained. Energy rows separate the parameters of many
+joints badly: their condition number stands beside those of the other rows.
 
 Not supported: noise in the control loop; robots with other than two joints, or whose file lacks the truth.
 """

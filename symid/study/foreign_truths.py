@@ -19,7 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -323,7 +323,7 @@ def _run_task(task: _Task) -> tuple[ForeignRun, ...]:
         observe_plant(run, scene.hidden, np.random.default_rng([seed, number]), source=f"{truth}, {name}")
         for number, (name, run) in enumerate(zip(scene.names[:-1], scene.runs[:-1], strict=True))
     ]
-    lost = dict.fromkeys(("worst", "spring", "z_rms", "z_most"), math.nan)
+    lost: dict[str, Any] = dict.fromkeys(("worst", "spring", "z_rms", "z_most"), math.nan)
     runs = {name: ForeignRun(method=name, verdict="refused", **lost) for name in (AUTOMATIC, *methods)}
     with suppress(SymidError):
         identify = prepare_elastic_methods(scene.robot, logs, IdentifyOptions(), context)

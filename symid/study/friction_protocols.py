@@ -735,13 +735,11 @@ def study_friction(
         text = f"{len(seeds)} draw: a standard deviation over draws needs two or more"
         raise UsageError(Notice(code="usage.friction-draws", text=text))
     # Before the processes start: they would share the cores with what is timed.
-    contests = tuple(
-        compare_estimators(title, scene, seeds[0], timed=timed)
-        for title, scene in (
-            ("Table 1, joint 1, one direction", build_sweep_scene(SWEEPS[0])),
-            ("Table 3, joint 1, two cosines", build_recovery_scene(0)),
-        )
-    )
+    shown = {
+        "Table 1, joint 1, one direction": build_sweep_scene(SWEEPS[0]),
+        "Table 3, joint 1, two cosines": build_recovery_scene(0),
+    }
+    contests = tuple(compare_estimators(*one, seeds[0], timed=timed) for one in shown.items())
     wanted = [build_recovery_scene(index) for index in range(len(TABLE_3))]
     second = [build_second_scene(index) for index in range(len(RV_2SQ))]
     gains = [build_gain_scene(index) for index in range(len(TABLE_3))]

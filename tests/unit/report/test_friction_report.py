@@ -56,7 +56,7 @@ def test_a_figure_says_what_it_shows_and_holds_the_true_curve(found):
     assert np.all(np.diff(velocity) > 0.0)
     # Two of three at least: neighbours along the curve err together.
     assert np.mean(np.abs(torque - truth) <= half_width) > 0.66
-    assert curve.half_width.max() < 0.3
+    assert half_width.max() < 0.3
     text = build_friction_figure(found.joints[0]).svg
     assert text.startswith("<svg")
     assert "friction (N m)" in text
