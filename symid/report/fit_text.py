@@ -116,9 +116,8 @@ def show_estimate(estimate: "estimators.Estimate") -> tuple[Block, ...]:
         times = f"{fit['iterations']} simulation{'s'[: fit['iterations'] > 1]} of the controlled robot"
         lines = [f"started from {fit['start']}; {times}"]
         lines += [
-            f"{entry['joint']}: simulated positions {entry['simulated_from_measured']:.3g} {entry['unit']} "
-            f"(rms) from the measured ones, the reference {entry['reference_from_measured']:.3g} "
-            f"{entry['unit']}"
+            "{joint}: simulated positions {simulated_from_measured:.3g} {unit} (rms) from the measured ones, "
+            "the reference {reference_from_measured:.3g} {unit}".format(**entry)
             for entry in fit["tracking"]
         ]
         if "wls" in fit:
@@ -400,12 +399,10 @@ def _show_joint_friction(entry: "JointFriction") -> list[Block]:
     table = _show_parameters(shown, ".3g", {})
     meanings = ("rigid part" if line in rigid else line.reason or line.expression for line in shown)
     rows = [(*row, meaning) for row, meaning in zip(table.rows, meanings, strict=True)]
+    rms = f"{residual.std:.4g} {residual.unit} RMS over {residual.samples} rows"
     parts += [
         Table((*table.header, "meaning"), rows, (0, 4, 5)) if shown else "no parameter is identifiable",
-        _wrap(
-            f"{entry.rigid}; residual {residual.relative_percent:.4f} % of the torque, {residual.std:.4g} "
-            f"{residual.unit} RMS over {residual.samples} rows"
-        ),
+        _wrap(f"{entry.rigid}; residual {residual.relative_percent:.4f} % of the torque, {rms}"),
     ]
     motion = entry.motion
     if motion is not None:

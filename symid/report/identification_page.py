@@ -246,23 +246,19 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
     stated = {entry.name: entry for entry in estimate.parameters}
     dropped = {entry.name for entry in essential.dropped}
     columns = (bootstrap.deviations, bootstrap.low, bootstrap.high)
-    scatter = [
-        (
-            *(name, stated[name].value, *map(pages.format_digits, (stated[name].std, deviation))),
-            *(f"{low:.4g}", f"{high:.4g}", name not in dropped),
-        )
-        for name, deviation, low, high in zip(bootstrap.names, *columns, strict=True)
-        if name in stated
-    ]
+    scatter = []
+    for name, deviation, low, high in zip(bootstrap.names, *columns, strict=True):
+        if name in stated:
+            stds = map(pages.format_digits, (stated[name].std, deviation))
+            ends = (f"{low:.4g}", f"{high:.4g}")
+            scatter.append((name, stated[name].value, *stds, *ends, name not in dropped))
     titles = ("name", "value", "stated std", "bootstrap std", "from", "to (95 %)", "significant")
     yield Table(titles, scatter, title="Values in SI units.")
     yield from _show_drift(estimate, diagnosis)
     yield "== Structure of the residual =="
     if diagnosis.structure:
-        rows = [
-            (e.joint, e.family, f"{e.share_percent:.3g}", f"{e.rms:.3g}", e.unit, e.advice)
-            for e in diagnosis.structure
-        ]
+        found = ((e, f"{e.share_percent:.3g}", f"{e.rms:.3g}") for e in diagnosis.structure)
+        rows = [(e.joint, e.family, share, rms, e.unit, e.advice) for e, share, rms in found]
         title = "What explains the residual, cross-validated on stretches of time."
         heading = ("joint", "function of", "share of variance/%", "RMS", "unit", "advice")
         yield Table(heading, rows, (0, 1, 4, 5), title)

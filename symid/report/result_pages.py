@@ -412,27 +412,19 @@ def show_element(record: hysteresis.HysteresisRecord) -> tuple[Block, ...]:
     rows = []
     for entry in (one for one in shown if one.deviation > 0.0 and one.name not in poor):
         low, high = (entry.value + side * _NORMAL * entry.deviation for side in (-1.0, 1.0))
-        digits = (f"{entry.value:.5g}", f"{entry.deviation:.2g}", f"{low:.5g} to {high:.5g}")
-        rows.append((entry.name, *digits))
+        rows.append((entry.name, f"{entry.value:.5g}", f"{entry.deviation:.2g}", f"{low:.5g} to {high:.5g}"))
     fixed = [f"{entry.name} = {entry.value:g}" for entry in shown if not entry.deviation and entry.value]
     lists = (("Poorly identifiable, not shown", poor), ("Fixed", fixed))
     note = "\n".join(f"{head}: {', '.join(names)}." for head, names in lists if names)
     form = f" ({record.form})" if record.form else ""
-    header = ("parameter", "value", "std", "95 % interval")
+    header: tuple[str, ...] = ("parameter", "value", "std", "95 % interval")
     table = Table(header, rows, title=f"{record.model}{form}", note=note)
-    tried = Table(
-        header=("model", "form", "parameters", "passive", "fitted %", "held out %", "+-"),
-        rows=[
-            (
-                *(entry.model, entry.form, entry.count, ("no", "yes")[entry.passive]),
-                *(f"{entry.fitted:.3g}", f"{entry.held_out:.3g}", f"{entry.spread:.2g}"),
-            )
-            for entry in record.candidates
-        ],
-        left=(0, 1, 3),
-        title="Models that were tried",
-        picked=0,
-    )
+    models = []
+    for one in record.candidates:
+        errors = (f"{one.fitted:.3g}", f"{one.held_out:.3g}", f"{one.spread:.2g}")
+        models.append((one.model, one.form, one.count, ("no", "yes")[one.passive], *errors))
+    header = ("model", "form", "parameters", "passive", "fitted %", "held out %", "+-")
+    tried = Table(header, models, (0, 1, 3), "Models that were tried", picked=0)
     reason = hysteresis.describe_inversion(record)
     inverse = f"There is none: {reason}." if reason else "It exists, for every output."
     passive = "no motion gets" if record.passive else "some motions may get"

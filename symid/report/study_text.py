@@ -96,15 +96,11 @@ def _list_methods(study: paper.AgreementStudy, seed: int) -> Table:
 
 
 def _list_agreement(found: Sequence[paper.AgreementStudy]) -> Table:
-    rows = [
-        (
-            *(f"{study.sweep.peak:g} rad/s, {study.sweep.samples}", row.estimator, f"{row.excess:.1e}"),
-            *(f"{row.agreed} of {row.draws}", f"{row.error:.2f}"),
-            f"{row.outside} of {row.draws * len(study.truth)}",
-        )
-        for study in found
-        for row in study.rows
-    ]
+    rows = []
+    for study, row in ((one, row) for one in found for row in one.rows):
+        motion, beyond = f"{study.sweep.peak:g} rad/s, {study.sweep.samples}", row.draws * len(study.truth)
+        agreed = (f"{row.excess:.1e}", f"{row.agreed} of {row.draws}", f"{row.error:.2f}")
+        rows.append((motion, row.estimator, *agreed, f"{row.outside} of {beyond}"))
     header = ("peak, samples", "estimator", "worst excess", "draws within", "farthest", "beyond 3")
     title = f"Agreement of all estimators, {found[0].draws} draws of three motions each"
     note = (
@@ -116,14 +112,11 @@ def _list_agreement(found: Sequence[paper.AgreementStudy]) -> Table:
 
 
 def _list_races(races: Sequence[paper.SearchRace]) -> Table:
-    rows = [
-        (
-            *(race.title, cost.estimator, cost.population, f"{cost.generations:.1f}"),
-            *(f"{cost.evaluations:.0f}", f"{cost.near_generations:.1f}", f"{cost.near_evaluations:.0f}"),
-        )
-        for race in races
-        for cost in race.costs
-    ]
+    rows = []
+    for title, cost in ((race.title, cost) for race in races for cost in race.costs):
+        whole = (f"{cost.generations:.1f}", f"{cost.evaluations:.0f}")
+        near = (f"{cost.near_generations:.1f}", f"{cost.near_evaluations:.0f}")
+        rows.append((title, cost.estimator, cost.population, *whole, *near))
     title = f"Table 2: genetic algorithm and its hybrid with annealing, means of {races[0].draws} draws"
     header = ("motion", "search", "candidates", "generations", "evaluations", "near: gen.", "near: eval.")
     findings = "\n".join(f"{race.title}: {race.finding}." for race in races)
@@ -141,12 +134,8 @@ def _list_races(races: Sequence[paper.SearchRace]) -> Table:
 def _list_recovery(study: paper.Recovery) -> Table:
     """Return a table with a column for each parameter of a joint of the paper, or of the second robot."""
     second = study.joint in {row.name for row in paper.RV_2SQ}
-    lines = [
-        (f"{'published' if second else 'paper'} = truth", "truth", ".5g"),
-        ("ours, mean", "mean", ".5g"),
-        ("ours, deviation", "deviation", ".3g"),
-        ("Cramer-Rao", "bound", ".3g"),
-    ]
+    lines = [(f"{'published' if second else 'paper'} = truth", "truth", ".5g"), ("ours, mean", "mean", ".5g")]
+    lines += [("ours, deviation", "deviation", ".3g"), ("Cramer-Rao", "bound", ".3g")]
     if second:
         lines += [("farthest, in Cramer-Rao", "error", ".2f"), ("draws within 3", "inside", "")]
     else:
@@ -321,17 +310,25 @@ def show_foreign(study: "studies.foreign_truths.ForeignStudy") -> tuple[Block, .
 
     sized = any(entry.size != 1.0 for entry in study.truths)
     names = [f"{entry.truth} x {entry.size:g}" if sized else entry.truth for entry in study.truths]
-    chosen = [
-        (
-            *(name, write(cell.worst.median), f"{write(cell.z_rms)} ({write(cell.z_most)})"),
-            *(write(cell.spring.median), _join_counts(cell.verdicts), _join_counts(cell.choices), entry.best),
-            *(write(entry.ratio.median), f"{entry.near} of {entry.seeds}"),
-            f"{entry.near_best} of {entry.seeds}",
-        )
-        for name, entry, cell in zip(names, study.truths, (e.cells[0] for e in study.truths), strict=True)
+    chosen = []
+    for name, entry in zip(names, study.truths, strict=True):
+        cell = entry.cells[0]
+        errors = (write(cell.worst.median), f"{write(cell.z_rms)} ({write(cell.z_most)})")
+        words = (_join_counts(cell.verdicts), _join_counts(cell.choices), entry.best)
+        near = (f"{count} of {entry.seeds}" for count in (entry.near, entry.near_best))
+        chosen.append((name, *errors, write(cell.spring.median), *words, write(entry.ratio.median), *near))
+    header = [
+        "truth",
+        "worst",
+        "z rms (max)",
+        "spring",
+        "verdict",
+        "chosen",
+        "best",
+        "ratio",
+        "near",
+        "near best",
     ]
-    header = ["truth", "worst", "z rms (max)", "spring", "verdict", "chosen", "best", "ratio", "near"]
-    header.append("near best")
     methods, tables = [cell.method for cell in study.truths[0].cells], []
     for place, title in enumerate(("worst parameter, percent", "spring torque, percent")):
         rows = [

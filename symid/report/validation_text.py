@@ -63,10 +63,8 @@ def show_trial(found: AnyValidation) -> tuple[Block, ...]:
                 for e in found.validation.residual
             ]
             table = Table(("joint", "law", "relative/%", "RMS", "unit", "rows"), rows, (0, 1, 4))
-    headline = (
-        f"{found.robot.name}{kind} on {found.validation.source}{within}: mean relative residual "
-        f"{found.mean_relative_percent:.4f} %"
-    )
+    mean = f"mean relative residual {found.mean_relative_percent:.4f} %"
+    headline = f"{found.robot.name}{kind} on {found.validation.source}{within}: {mean}"
     return (f"{headline}{more}", table, *fit_text.show_motion(motion))
 
 
@@ -105,21 +103,17 @@ def draw_trial(found: AnyValidation) -> tuple[Drawing, ...]:
 
 def _show_elastic_trial(found: ElasticValidation) -> tuple[Block, ...]:
     trial, tracking = found.trial, found.tracking
-    head = (
-        f"{found.robot.name} on {trial.source}: mean relative residual {trial.mean_relative_percent:.4f} %, "
-        "by motors and links together"
-    )
+    mean = f"mean relative residual {trial.mean_relative_percent:.4f} %, by motors and links together"
+    head = f"{found.robot.name} on {trial.source}: {mean}"
     if trial.means[1:]:
         head += f"; with the springs {max(trial.means[1:]):.4f} %"
     blocks: list[Block] = [head]
     for caption, entries in trial.residuals:
         blocks += [caption, fit_text.show_residual(entries)]
-    lacking = [joint.joint for joint in trial.joints if joint.final is None]
+    lacking = ", ".join(joint.joint for joint in trial.joints if joint.final is None)
     if lacking:
-        blocks.append(
-            f"The estimate has no spring of {', '.join(lacking)}: its spring torque cannot be predicted, and "
-            "the gate does not test it."
-        )
+        cannot = "its spring torque cannot be predicted, and the gate does not test it"
+        blocks.append(f"The estimate has no spring of {lacking}: {cannot}.")
     if tracking is None:
         return tuple(blocks)
     rows = list[Sequence[object]]()
