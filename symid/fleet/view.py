@@ -310,15 +310,13 @@ class Fleet(PagedResult):
                 f"{entry.adjusted:.1g}",
             )
             rows.append((entry.name, _name_quantity(entry), entry.since, *numbers, entry.unit))
-        table = Table(
-            ("robot", "what", "since", "before", "after", "sigma", "adjusted p", "unit"),
-            rows,
-            (0, 1, 2),
-            f"Robots that changed: {len({entry.name for entry in found})}",
+        header = ("robot", "what", "since", "before", "after", "sigma", "adjusted p", "unit")
+        title = f"Robots that changed: {len({entry.name for entry in found})}"
+        note = (
             f"{kind} {100.0 * self.level:g} % ({self.control}). A residual is the logarithm of its deviation."
-            + f" The surest {_MOST_SHOWN} of {len(found)} are shown." * many,
         )
-        return (table,)
+        note += f" The surest {_MOST_SHOWN} of {len(found)} are shown." * many
+        return (Table(header, rows, (0, 1, 2), title, note),)
 
     def _show_scatter(self) -> tuple[str, ...]:
         factors = compute_scatter(_collect_series(self.rows))
@@ -379,15 +377,12 @@ class Fleet(PagedResult):
         changed = len({entry.name for entry in found})
         level = "wrong" if lost == len(self.rows) else "doubtful" if lost or found else "good"
         headline = f"{changed} of {robots} robots changed; {lost} of {len(self.rows)} jobs have no fit."
+        counts = {"jobs": len(self.rows), "without a fit": lost, "robots changed": changed}
         page = Page(
             robot=self.folder.name,
             subject=f"fleet of {robots} robots",
             verdict=FitVerdict(level=level, headline=headline, details=(_LEVELS,)),
-            numbers=(
-                (str(len(self.rows)), "jobs"),
-                (str(lost), "without a fit"),
-                (str(changed), "robots changed"),
-            ),
+            numbers=[(str(count), name) for name, count in counts.items()],
             blocks=("== What changed ==", *self._show_changes(), *self.figures()),
             more=("== Jobs ==", self.summarise(), *self._show_reasons(), *self._show_scatter()),
             settings=(("level", f"{self.level:g}"), ("control", self.control)),

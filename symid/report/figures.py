@@ -24,8 +24,6 @@ WIDTH = 560
 """Of a figure: half a page on a desk, the whole of a telephone, where its letters stay legible."""
 _SMALLEST, _LARGEST = 1e-300, 1e300
 """Ends of axes: the least of a logarithmic one, and the greatest. What lies beyond is not in the drawing."""
-TIME = "time (s)"
-"""Label of the axis of figures that have a cursor and a zoom in pages."""
 _RIGHT, _BOTTOM = 14, 46
 _LONGEST_LABEL = 24
 """Letters beside a row of a figure."""
@@ -335,7 +333,7 @@ def _build_figure(
     frame = replace(frame, height=frame.height + above, top=frame.top + above)
     body, more = _draw_axes(frame, labels), ""
     # A script reads time and values from the points: hundredths of the unit of the drawing, and the axes.
-    live = labels[0] == TIME and not frame.y.logarithmic
+    live = labels[0] == "time (s)" and not frame.y.logarithmic
     if live:
         sides = (frame.left, frame.top, frame.right, frame.bottom)
         ends = (*sides, frame.x.low, frame.x.high, frame.y.low, frame.y.high)

@@ -212,18 +212,14 @@ def describe_alignment(alignment: "Alignment", joints: Sequence[str]) -> dict[st
 
 def describe_stiffness(found: "StiffnessEstimate") -> dict[str, object]:
     """Return the result as `symid identify --method stiffness --json` gives it."""
+    joints = list(map(describe_record, found.joints))
+    for plain, entry in zip(joints, found.joints, strict=True):
+        plain |= {"verdict": entry.verdict.name.lower(), "identified": entry.stiffness is not None}
     return {
         "robot": found.robot,
         "method": "stiffness",
         **describe_alignment(found.alignment, [entry.joint for entry in found.joints]),
-        "joints": [
-            {
-                **describe_record(entry),
-                "verdict": entry.verdict.name.lower(),
-                "identified": entry.stiffness is not None,
-            }
-            for entry in found.joints
-        ],
+        "joints": joints,
         "interval_method": f"95 %, Student's t, jackknife over {found.blocks} blocks of about a second",
         "hysteresis": None,
         "hysteresis_reason": "a spring was fitted and nothing else: no hysteresis is claimed",
@@ -265,14 +261,13 @@ def describe_elastic(estimate: "ElasticEstimate") -> dict[str, object]:
     """Return the estimate of elastic joints as `symid identify --json` gives it."""
     found = describe_record(estimate)
     del found["friction"]
+    for plain, trial in zip(found["trials"], estimate.trials, strict=True):
+        plain["outcome"] = trial.outcome.name.lower()
     return {
         **found,
         "parameters": [_describe_parameter(entry) for entry in estimate.parameters],
         "effects": [_describe_effect(estimate, effect) for effect in estimate.effects],
         "outcome": describe_outcome(estimate.outcome),
-        "trials": [
-            {**describe_record(trial), "outcome": trial.outcome.name.lower()} for trial in estimate.trials
-        ],
         "refused": _describe_refused(estimate.refused),
     }
 
@@ -370,9 +365,7 @@ def _describe_joint_friction(entry: "JointFriction") -> dict[str, object]:
             **describe_record(poses),
             "poses": [{"others": dict(pose.others), "sources": pose.sources} for pose in poses.poses],
             "skipped": _describe_refused(poses.skipped, "sources"),
-            "parameters": [
-                {**describe_record(line), "interval_95": line.intervals} for line in poses.parameters
-            ],
+            "parameters": [{**describe_record(e), "interval_95": e.intervals} for e in poses.parameters],
         },
     }
 

@@ -408,15 +408,11 @@ def build_friction_figure(joint: friction.JointFriction) -> Drawing:
     pieces = [part for part in (slice(0, cut), slice(cut, None)) if len(velocity[part])]
     if measured.slowest <= _STILL * float(np.max(np.abs(velocity), initial=0.0)):
         pieces = [slice(None)]
-    lines = [
-        figures.Line("measured rows", "cloud", measured.cloud_velocity, measured.cloud_torque, joined=False),
-        *(
-            figures.Line(label, style, velocity[part], values[part])
-            for part in pieces
-            for label, style, values in kinds
-        ),
-        figures.Line("mean of them", "link", measured.velocity, measured.torque, markers=True, joined=False),
-    ]
+    cloud, means = (measured.cloud_velocity, measured.cloud_torque), (measured.velocity, measured.torque)
+    lines = [figures.Line("measured rows", "cloud", *cloud, joined=False)]
+    for part in pieces:
+        lines += [figures.Line(label, style, velocity[part], y[part]) for label, style, y in kinds]
+    lines.append(figures.Line("mean of them", "link", *means, markers=True, joined=False))
     return figures.build_curve_figure(
         f"Does the law follow the friction of {joint.joint}? Rows that were measured, their means over "
         f"intervals of velocity, and the law {joint.estimate.law} with its 95 % confidence band.",

@@ -493,13 +493,11 @@ def _draw_cycles(trace: hysteresis.ElementTrace) -> Iterator[Drawing]:
         return
     width, measured, predicted = cycles.T
     left = float(np.sqrt(np.mean((measured - predicted) ** 2)) / np.sqrt(np.mean(measured**2)))
+    curves = (("measured", "link", measured), ("predicted", "predicted", predicted))
     yield build_curve_figure(
         f"Is the lost energy right? Work of a cycle against its width: {100.0 * left:.2g} % is left, rms.",
         ("width of the cycle (unit of the input)", "work (units of input and output)"),
-        [
-            Line("measured", "link", width, measured, markers=True, joined=False),
-            Line("predicted", "predicted", width, predicted, markers=True, joined=False),
-        ],
+        [Line(name, style, width, y, markers=True, joined=False) for name, style, y in curves],
         height=260.0,
     )
 

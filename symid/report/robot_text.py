@@ -342,14 +342,12 @@ def show_robot_check(robot: Robot, checked: "LogsCheck") -> tuple[Block, ...]:
         first = max(0, found.rank - _SHOWN // 2)
         shown = [f"{value:.2g}" for value in found.singular[first : first + _SHOWN]]
         shown.insert(found.rank - first, "|")
-        blocks += [
-            (
-                f"Identifiability: {counts}; condition {found.condition:.3g}\n"
-                f"singular values of the scaled matrix about its rank {found.rank} of {len(found.singular)}: "
-                f"{'... ' if first else ''}{' '.join(shown)}"
-            ),
-            show_identifiable(found, "std/%"),
-        ]
+        text = (
+            f"Identifiability: {counts}; condition {found.condition:.3g}\n"
+            f"singular values of the scaled matrix about its rank {found.rank} of {len(found.singular)}: "
+            f"{'... ' if first else ''}{' '.join(shown)}"
+        )
+        blocks += [text, show_identifiable(found, "std/%")]
     return tuple(blocks)
 
 
@@ -363,14 +361,12 @@ def show_identifiable(
 
 def describe_robot_check(robot: Robot, checked: "LogsCheck") -> dict[str, object]:
     """Return what was found as `symid check --json` gives it."""
+    joints = [{"name": e.name, "kind": e.kind.value, "friction": e.friction.law} for e in robot.joints]
     found: dict[str, object] = {
         "robot": robot.name,
         "file": robot.path,
         "convention": robot.convention,
-        "joints": [
-            {"name": joint.name, "kind": joint.kind.value, "friction": joint.friction.law}
-            for joint in robot.joints
-        ],
+        "joints": joints,
         "logs": [describe_log(log.recording, log.timing, log.joints) for log in checked.logs],
     }
     if checked.copy is not None:

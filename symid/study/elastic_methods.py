@@ -150,8 +150,7 @@ def compute_hysteresis_errors(fit: elastic.MethodFit, phi: FloatArray, torque: F
     if not fit.elasticity:
         return np.full(phi.shape[1], np.nan)
     left = np.linalg.norm(_compute_torques(fit.elasticity, phi) - torque, axis=0)
-    errors: FloatArray = 100.0 * left / np.linalg.norm(torque, axis=0)
-    return errors
+    return np.asarray(100.0 * left / np.linalg.norm(torque, axis=0))
 
 
 def _compute_torques(springs: Sequence[Elasticity], phi: FloatArray) -> FloatArray:
