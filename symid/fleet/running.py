@@ -148,14 +148,10 @@ def _identify(job: FleetJob, folder: Path) -> Fit:
         values: dict[str, Any] = {fields[name]: value for name, value in given.items()}
         options = SimulateOptions(**values, seed=job.seed or 0)
         logs = model.simulate(trajectory, options=options).log
-    settings = job.settings or None
+    common: Any = {"estimator": job.estimator, "settings": job.settings or None}
     if job.rows == "friction":
-        return model.identify_friction(
-            logs, estimator=job.estimator, model=job.friction, seed=job.seed, settings=settings
-        )
-    return model.identify(
-        logs, rows=job.rows, estimator=job.estimator, friction=job.friction, settings=settings
-    )
+        return model.identify_friction(logs, model=job.friction, seed=job.seed, **common)
+    return model.identify(logs, rows=job.rows, friction=job.friction, **common)
 
 
 @lru_cache(maxsize=16)
@@ -187,10 +183,8 @@ def _fetch(name: str, folder: Path) -> str:
 
 def _describe_fit(key: str, job: FleetJob, fit: Fit) -> FleetRow:
     values = [FleetValue(name=v.name, value=v.value, std=v.std, unit=v.unit) for v in fit.parameters]
-    values += [
-        FleetValue(name=entry.joint, value=entry.std, std=float("inf"), unit=entry.unit, residual=True)
-        for entry in fit.residual
-    ]
+    other: Any = {"std": float("inf"), "residual": True}
+    values += [FleetValue(name=e.joint, value=e.std, unit=e.unit, **other) for e in fit.residual]
     codes = tuple(sorted({notice.code for notice in fit.notices if not notice.is_note}))
     level = fit.verdict.level
     return FleetRow(key=key, job=job, status="done", verdict=level, warnings=codes, values=tuple(values))

@@ -79,9 +79,7 @@ def _list_symbols(placement: Placement) -> set[str]:
 def draw_robot(robot: Robot, pose: Sequence[float] | None = None) -> Drawing:
     """Return the robot as a skeleton with the frames of its links.
 
-    Args:
-        robot: to draw.
-        pose: coordinates of the joints that follow no other, rad or m; zero where the limits allow it.
+    `pose` are coordinates of the joints that follow no other, rad or m; zero where the limits allow it.
 
     Raises:
         UsageError: there are more or fewer coordinates than the robot has.

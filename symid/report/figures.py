@@ -292,14 +292,10 @@ def build_line_figure(
     logarithmic: bool = False,
     whole: bool = False,
 ) -> Drawing:
-    """Return lines over a common horizontal axis.
+    """Return lines over a common horizontal axis; each has at least one point.
 
-    Args:
-        caption: what is shown, also for screen readers.
-        labels: of the horizontal and the vertical axis, with units.
-        lines: at least one, each with at least one point.
-        logarithmic: whether the vertical axis is; at least one value must be positive then.
-        whole: whether the horizontal axis counts something.
+    The caption is also for screen readers; `labels` are those of the horizontal and the vertical axis, with
+    units. A `logarithmic` vertical axis needs a positive value; a `whole` horizontal axis counts something.
     """
     if logarithmic:
         positive = [(line, line.y > 0.0) for line in lines]

@@ -161,14 +161,11 @@ def _compute_torques(springs: Sequence[Elasticity], phi: FloatArray) -> FloatArr
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MethodRun:
-    """Errors of one method on one dataset with the noise of one seed.
+    """Errors of one method on one dataset with the noise of one seed, percent; nan where there is none.
 
-    Args:
-        method: its name; `chosen` the method that the automatic choice took.
-        parameter_error, hysteresis_error, excited_error: percent, the last two of the worse joint, on the
-            held-out torsion and on the same scaled into what the logs excited: a spring cannot be known
-            beyond that; nan where there is none.
-        outcome: how it ended; iterations: how many it took; seconds: of processor time.
+    `hysteresis_error` and `excited_error` are those of the worse joint, on the held-out torsion and on the
+    same scaled into what the logs excited: a spring cannot be known beyond that. `seconds` are of processor
+    time, `chosen` is the method that the automatic choice took.
     """
 
     method: str

@@ -362,13 +362,10 @@ class ForeignCell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForeignTruth:
-    """All methods on one truth, the automatic choice first.
+    """All methods on one truth, the automatic choice first; `best` is the method of the least median.
 
-    Args:
-        best: the method of the least median.
-        ratio: worst parameter of the choice over the least one of all methods in the same run.
-        near: runs in which it is 1.2 at most.
-        near_best: runs in which the choice is at most 1.2 times as far off as `best`.
+    `ratio` is the worst parameter of the choice over the least one of all methods in the same run; `near`
+    counts runs in which it is 1.2 at most, `near_best` those in which the choice is as near to `best`.
     """
 
     truth: str

@@ -139,13 +139,9 @@ RV_2SQ = (
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FrictionScene(FrozenArrays):
-    """A joint whose friction is known, in motion.
+    """A joint in motion whose friction is known: true parameters `physical`, in the order of the law's.
 
-    Args:
-        joint: its name; law: the name of its friction law.
-        physical: true parameters, in the order of the law's.
-        velocity: (N,) rad/s.
-        noise: standard deviation, N m.
+    `velocity` (N,) is in rad/s, `noise` a standard deviation in N m.
     """
 
     joint: str
@@ -609,11 +605,9 @@ def summarise_gains(index: int, draws: Sequence[GainDraw]) -> GainStudy:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionCheck:
-    """A claim.
+    """A claim, what is required, the result, and whether it was met.
 
-    Args:
-        name: of the claim; bar: what is required; found: the result.
-        met: whether it was met; None where there are too few draws to judge, or nothing to meet.
+    `met` is None where there are too few draws to judge, or nothing to meet.
     """
 
     name: str

@@ -54,13 +54,10 @@ _HIGHEST_CUTOFF = 0.45
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PrecisionScene:
-    """Equations without noise.
+    """Equations without noise: rows by kind, "torque" and "momentum", of all excitations.
 
-    Args:
-        rows: by kind, "torque" and "momentum", of all excitations.
-        truth: (p,) parameters; bodies: behind them.
-        deviations: (n,) of the torque's noise; bound: (p,) Cramer-Rao deviations from all samples.
-        samples: of one excitation.
+    `truth` are (p,) parameters, `bodies` behind them, `deviations` (n,) those of the torque's noise, `bound`
+    (p,) Cramer-Rao deviations from all samples; `samples` counts those of one excitation.
     """
 
     rows: dict[str, regression.Rows]
