@@ -2,18 +2,7 @@
 
 A study file, or a table, a folder or a pattern of logs -> `FleetJob`, each with the hash of its inputs.
 
-    # study.toml
-    robot = "puma560"                  # a name or a file; also a column of the table
-    logs = "logs/*/*.parquet"          # a pattern or a folder: logs/ROBOT/NIGHT.parquet; or
-    table = "jobs.csv"                 # columns: robot, logs, name, night, rows, estimator, friction, seed
-    rows = "torque"                    # a text, or a list: each value is a job of its own
-    estimator = ["wls", "huber"]
-    repeats = 100                      # jobs that differ by their seed alone
-    seed = 1
-    [settings]                         # replace those of the robot file, as --set does
-    "processing.filter_cutoff" = 50
-    [simulate]                         # in place of logs: simulated ones, as `symid simulate` makes them
-    duration = 10
+The keys of a study file stand in docs/fleet.md; several rows, estimators or laws make a job each.
 
 Seeds are spawned (`SeedSequence.spawn`) from that of the study and the other inputs of the job, so that they
 do not depend on the order of the jobs, on other jobs or on workers.
@@ -48,6 +37,7 @@ SUFFIXES = (".csv", ".npz", ".mat", ".h5", ".hdf5", ".parquet", ".mcap", ".db3")
 _WORDS = ("rows", "estimator", "friction")
 _KEYS = ("robot", "logs", "table", *_WORDS, "repeats", "seed", "settings", "simulate")
 _COLUMNS = ("robot", "logs", "name", "night", *_WORDS, "seed")
+_MOST_PROBLEMS = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,9 +162,8 @@ def open_address(name: str) -> "tuple[fsspec.AbstractFileSystem, str]":
         text = f"{name}: {error}; addresses need fsspec: pip install 'symid[cluster]'"
         raise UsageError(Notice(code="usage.no-fsspec", text=text)) from error
     except Exception as error:
-        raise InputError(
-            Notice(code="fleet.address", text=f"cannot be opened: {error}", file=name)
-        ) from error
+        text = f"cannot be opened: {error}"
+        raise InputError(Notice(code="fleet.address", text=text, file=name)) from error
     return system, path
 
 
@@ -191,9 +180,9 @@ def _join_robot(folder: str, robot: str) -> str:
 
 def _name_job(job: FleetJob) -> FleetJob:
     """Return a job with the name and the night that its first log has: ROBOT/NIGHT.suffix."""
-    first = PurePosixPath(job.logs[0]) if job.logs else PurePosixPath(job.robot)
     if not job.logs:
-        return replace(job, name=job.name or first.stem)
+        return replace(job, name=job.name or PurePosixPath(job.robot).stem)
+    first = PurePosixPath(job.logs[0])
     return replace(job, name=job.name or first.parent.name, night=job.night or first.stem)
 
 
@@ -209,9 +198,8 @@ def list_logs(name: str) -> tuple[str, ...]:
         try:
             found = system.glob(path) if pattern else system.find(path)
         except Exception as error:
-            raise InputError(
-                Notice(code="fleet.address", text=f"cannot be read: {error}", file=name)
-            ) from error
+            text = f"cannot be read: {error}"
+            raise InputError(Notice(code="fleet.address", text=text, file=name)) from error
         found = [system.unstrip_protocol(entry) for entry in found]
     elif pattern:
         found = glob.glob(name, recursive=True)  # noqa: PTH207  the pattern may be absolute
@@ -219,7 +207,7 @@ def list_logs(name: str) -> tuple[str, ...]:
         found = [str(entry) for entry in Path(name).rglob("*") if entry.is_file()]
     logs = [entry for entry in found if pattern or PurePosixPath(entry).suffix.lower() in SUFFIXES]
     if not logs:
-        text = f"no logs found; expected files such as {'ROBOT/NIGHT.parquet'} ({', '.join(SUFFIXES)})"
+        text = f"no logs found; expected files such as ROBOT/NIGHT.parquet ({', '.join(SUFFIXES)})"
         raise InputError(Notice(code="fleet.no-logs", text=text, file=name))
     return tuple(sorted(logs))
 
@@ -250,9 +238,6 @@ def _read_table(name: str, robot: str | None) -> tuple[FleetJob, ...]:
     if problems:
         raise InputError(*problems[:_MOST_PROBLEMS])
     return tuple(jobs)
-
-
-_MOST_PROBLEMS = 20
 
 
 def _read_rows(path: Path) -> Iterator[tuple[int, Mapping[str, Any]]]:

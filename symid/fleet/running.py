@@ -12,10 +12,8 @@ Not supported: limits of time and memory for jobs in this process itself.
 
 import contextlib
 import ctypes
-import json
 import os
 import resource
-import select
 import signal
 import subprocess
 import sys
@@ -26,6 +24,8 @@ from concurrent.futures import FIRST_COMPLETED, CancelledError, Executor, Future
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from importlib import import_module
+from multiprocessing import Pipe
+from multiprocessing.connection import Connection
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
@@ -34,10 +34,13 @@ from symid.environment import KEEP_MEMORY, THREAD_VARIABLES, make_scratch_folder
 from symid.errors import InputError, Notice, SolverError, SymidError, UsageError
 from symid.fleet.jobs import FleetJob, is_remote, open_address
 from symid.options import SimulateOptions, list_flags
-from symid.serialization import Finite, read_record, write_plain
+from symid.serialization import Finite
 
 Status = Literal["done", "refused", "failed", "crashed", "time-out", "memory"]
 """How a job ended: with a fit, an error of symid, a bug, a killed worker, or at a limit."""
+Task = tuple[str, FleetJob]
+"""A job behind its key."""
+_PATIENCE = 3.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -110,8 +113,6 @@ class FleetLimits:
     megabytes: int | None = None
 
 
-Task = tuple[str, FleetJob]
-"""A job behind its key."""
 Ended = tuple[FleetRow, Cost]
 
 
@@ -147,14 +148,10 @@ def _identify(job: FleetJob, folder: Path) -> Fit:
         values: dict[str, Any] = {fields[name]: value for name, value in given.items()}
         options = SimulateOptions(**values, seed=job.seed or 0)
         logs = model.simulate(trajectory, options=options).log
-    settings = job.settings or None
+    common: Any = {"estimator": job.estimator, "settings": job.settings or None}
     if job.rows == "friction":
-        return model.identify_friction(
-            logs, estimator=job.estimator, model=job.friction, seed=job.seed, settings=settings
-        )
-    return model.identify(
-        logs, rows=job.rows, estimator=job.estimator, friction=job.friction, settings=settings
-    )
+        return model.identify_friction(logs, model=job.friction, seed=job.seed, **common)
+    return model.identify(logs, rows=job.rows, friction=job.friction, **common)
 
 
 @lru_cache(maxsize=16)
@@ -186,40 +183,33 @@ def _fetch(name: str, folder: Path) -> str:
 
 def _describe_fit(key: str, job: FleetJob, fit: Fit) -> FleetRow:
     values = [FleetValue(name=v.name, value=v.value, std=v.std, unit=v.unit) for v in fit.parameters]
-    values += [
-        FleetValue(name=entry.joint, value=entry.std, std=float("inf"), unit=entry.unit, residual=True)
-        for entry in fit.residual
-    ]
+    other: Any = {"std": float("inf"), "residual": True}
+    values += [FleetValue(name=e.joint, value=e.std, unit=e.unit, **other) for e in fit.residual]
     codes = tuple(sorted({notice.code for notice in fit.notices if not notice.is_note}))
     level = fit.verdict.level
     return FleetRow(key=key, job=job, status="done", verdict=level, warnings=codes, values=tuple(values))
 
 
 def serve() -> None:
-    """Run jobs of this process's own: one a line on standard input, its row a line on standard output.
+    """Run jobs of this process's own: they come through the channel that its argument names, rows go back.
 
-    The process ends with its input, or when the one that started it has died.
+    The process ends when the channel is closed, or when the one that started it has died.
     """
-    limit = json.loads(sys.stdin.buffer.readline())
+    channel: Connection[Any, Any] = Connection(int(sys.argv[1]))
+    limit = channel.recv()
     if limit:
         resource.setrlimit(resource.RLIMIT_DATA, (limit * 10**6, resource.RLIM_INFINITY))
     # As Ctrl-C: a job that is asked to end ends its compilers, and removes its scratch.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     threading.Thread(target=_follow, args=(os.getppid(),), daemon=True).start()
-    # What a library prints must not stand between the rows.
-    channel = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)
-    channel.write(b"ready\n")
-    channel.flush()
-    for line in sys.stdin.buffer:
-        key, job = json.loads(line)
-        ended = run_job((key, read_record(FleetJob, job)))
-        channel.write(json.dumps(write_plain(ended)).encode() + b"\n")
-        channel.flush()
-        if limit:
-            # What this job leaves free must not count against the next one's limit; glibc keeps that much.
-            with contextlib.suppress(AttributeError):
-                ctypes.CDLL(None).malloc_trim(0)
+    channel.send("ready")
+    with contextlib.suppress(EOFError):
+        while True:
+            channel.send(run_job(channel.recv()))
+            if limit:
+                # What this job leaves free must not count against the next one's limit; glibc keeps it.
+                with contextlib.suppress(AttributeError):
+                    ctypes.CDLL(None).malloc_trim(0)
 
 
 def _follow(parent: int) -> None:
@@ -229,7 +219,6 @@ def _follow(parent: int) -> None:
     os.kill(os.getpid(), signal.SIGKILL)
 
 
-_PATIENCE = 3.0
 _SERVE = f"from {__name__} import serve; {serve.__name__}()"
 
 
@@ -239,6 +228,7 @@ class JobProcess:
     def __init__(self, limits: FleetLimits) -> None:
         self.limits = limits
         self._process: subprocess.Popen[bytes] | None = None
+        self._channel: Connection[Any, Any]
 
     def run(self, task: Task) -> Ended:
         """Return the row of a job.
@@ -246,64 +236,55 @@ class JobProcess:
         Raises:
             SolverError: no process can be started.
         """
-        key, job = task
-        row = FleetRow(key=key, job=job, status="crashed")
+        row = FleetRow(key=task[0], job=task[1], status="crashed")
         start = time.monotonic()
         try:
-            process = self._process or self._start()
+            if self._process is None:
+                self._start()
             start = time.monotonic()
-            answer = self._ask(process, json.dumps(write_plain(task)).encode() + b"\n")
+            ended: Ended | None = self._ask(task, self.limits.seconds)
         except TimeoutError:
             self.interrupt()
             self.end()
             reason = f"not ended after {self.limits.seconds:g} s"
             return replace(row, status="time-out", reason=reason), Cost(seconds=time.monotonic() - start)
-        if answer:
-            found, cost = json.loads(answer)
-            if found["status"] == "memory":
-                # What is left of the memory may not do for the next job.
-                self.end()
-            return read_record(FleetRow, found), read_record(Cost, cost)
-        reason = f"the worker process {self.end()}"
-        return replace(row, reason=reason), Cost(seconds=time.monotonic() - start)
+        if ended is None:
+            reason = f"the worker process {self.end()}"
+            return replace(row, reason=reason), Cost(seconds=time.monotonic() - start)
+        if ended[0].status == "memory":
+            # What is left of the memory may not do for the next job.
+            self.end()
+        return ended
 
-    def _start(self) -> "subprocess.Popen[bytes]":
+    def _start(self) -> None:
+        self._channel, other = Pipe()
         # A session of its own: Ctrl-C in the terminal is answered by the process that keeps the rows.
-        self._process = process = subprocess.Popen(
-            [sys.executable, "-c", _SERVE],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", _SERVE, str(other.fileno())],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
             stderr=subprocess.DEVNULL,
             env=os.environ | dict.fromkeys(THREAD_VARIABLES, "1") | KEEP_MEMORY,
+            pass_fds=(other.fileno(),),
             start_new_session=True,
         )
-        if self._ask(process, b"%d\n" % (self.limits.megabytes or 0), limited=False) != b"ready\n":
+        other.close()
+        if self._ask(self.limits.megabytes, None) != "ready":
             text = f"a worker process could not be started: it {self.end()}"
             raise SolverError(Notice(code="fleet.no-worker", text=text))
-        return process
 
-    def _ask(self, process: "subprocess.Popen[bytes]", line: bytes, *, limited: bool = True) -> bytes:
-        """Return the line that answers a line; nothing if the process has died.
+    def _ask(self, message: object, seconds: float | None) -> Any:  # noqa: ANN401  what the process returns
+        """Return the answer of the process; None if it has died.
 
         Raises:
-            TimeoutError: the job takes longer than it may.
+            TimeoutError: the answer takes longer than it may.
         """
-        stdin, stdout = process.stdin, process.stdout
-        if stdin is None or stdout is None:
-            return b""
-        with contextlib.suppress(BrokenPipeError):
-            stdin.write(line)
-            stdin.flush()
-        left, parts = self.limits.seconds if limited else None, [b""]
-        end = None if left is None else time.monotonic() + left
-        while not parts[-1].endswith(b"\n"):
-            left = None if end is None else max(end - time.monotonic(), 0.0)
-            if not select.select([stdout], [], [], left)[0]:
+        with contextlib.suppress(EOFError, ConnectionError):
+            self._channel.send(message)
+            if not self._channel.poll(seconds):
                 raise TimeoutError
-            parts.append(os.read(stdout.fileno(), 1 << 20))
-            if not parts[-1]:
-                return b""
-        return b"".join(parts)
+            return self._channel.recv()
+        return None
 
     def interrupt(self) -> None:
         """Ask the process to end, and to end what it has started; the job that runs is a crash."""
@@ -316,17 +297,13 @@ class JobProcess:
         process = self._process
         if process is None:
             return "has not been started"
-        with contextlib.suppress(OSError):
-            if process.stdin is not None:
-                process.stdin.close()
+        self._channel.close()
         with contextlib.suppress(subprocess.TimeoutExpired):
             # One that ends is given the time to say how.
             process.wait(_PATIENCE)
         with contextlib.suppress(OSError):
             os.killpg(process.pid, signal.SIGKILL)
         code, self._process = process.wait(), None
-        if process.stdout is not None:
-            process.stdout.close()
         if code == -signal.SIGKILL:
             return "was killed; memory may have run out"
         return f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
@@ -386,14 +363,12 @@ def run_dask(
     except ImportError as error:
         text = "Dask is not installed: pip install 'symid[cluster]'"
         raise UsageError(Notice(code="usage.no-dask", text=text)) from error
-    local = address == "local"
     with contextlib.ExitStack() as stack:
         try:
-            chosen = (
-                stack.enter_context(distributed.LocalCluster(n_workers=workers, threads_per_worker=1))
-                if local
-                else address
-            )
+            chosen = address
+            if address == "local":
+                cluster = distributed.LocalCluster(n_workers=workers, threads_per_worker=1)
+                chosen = stack.enter_context(cluster)
             client = stack.enter_context(distributed.Client(chosen, set_as_default=False))
         except (OSError, ValueError) as error:
             text = f"no Dask scheduler answers at {address}: {error}"

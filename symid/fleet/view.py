@@ -9,10 +9,9 @@ stated deviations s_1 .. s_n, are cut before each night k; with weights 1 / s^2,
     z_k = (mean after - mean before) / sqrt(1 / W_after + 1 / W_before),     z = max |z_k|,
     p = 1 - (1 - 2 Phi(-z))^(n - 1)                                        (Sidak 1967: at most this)
 
-and all robots and parameters are judged together by Benjamini and Hochberg (1995), whose share of false
-alarms among the alarms is at most the level, or by Holm (1979), where any false alarm is as rare as that.
-Where the median robot varies more from night to night than its deviations state, all deviations of that
-parameter are enlarged to what the median robot shows. Residuals state none: the fleet's is taken.
+and all robots and parameters are judged together by Benjamini and Hochberg (1995) or by Holm (1979). Where
+the median robot varies more from night to night than its deviations state, all deviations of that parameter
+are enlarged to what it shows. Residuals state none: the fleet's is taken.
 
 Supported: nights of any number, gaps, robots of several kinds. Not supported: a change of more than half of
 the robots, which is taken for scatter; nights looked at one by one with the level kept for all of them.
@@ -49,6 +48,18 @@ from symid.serialization import read_record, write_json
 
 Progress = Callable[[str], None]
 Control = Literal["benjamini-hochberg", "holm"]
+_FEWEST_ROBOTS = 20
+"""Series of one quantity from which on their scatter is compared with the stated deviations."""
+_MOST_SHOWN = 40
+_MOST_DRAWN = 12
+_LEVELS = "Good: no robot changed and every job has a fit; wrong: no job has one; doubtful: all else."
+_ENLARGED = 1.2
+_COLUMNS = (
+    *("key", "name", "night", "robot", "logs", "rows", "estimator", "friction", "seed", "status", "reason"),
+    *("verdict", "kind", "parameter", "value", "std", "unit"),
+)
+_FORMAT = "symid fleet"
+_SECONDS_BETWEEN = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,10 +123,6 @@ class _Series:
     nights: tuple[str, ...]
     values: FloatArray
     stds: FloatArray
-
-
-_FEWEST_ROBOTS = 20
-"""Series of one quantity from which on their scatter is compared with the stated deviations."""
 
 
 def _collect_series(rows: Iterable[FleetRow]) -> list[_Series]:
@@ -209,10 +216,8 @@ def find_changes(
     tested = [_test_series(entry, factor) for entry, factor in known if factor > 0.0]
     if not tested:
         return ()
-    adjusted = adjust_probabilities(np.array([entry.p for entry in tested]), control)
-    found = [
-        replace(entry, adjusted=float(q)) for entry, q in zip(tested, adjusted, strict=True) if q <= level
-    ]
+    pairs = zip(tested, adjust_probabilities(np.array([entry.p for entry in tested]), control), strict=True)
+    found = [replace(entry, adjusted=float(q)) for entry, q in pairs if q <= level]
     return tuple(sorted(found, key=lambda entry: (entry.p, -abs(entry.sigma), entry.name, entry.quantity)))
 
 
@@ -294,27 +299,24 @@ class Fleet(PagedResult):
         if not found:
             nights = {row.job.night for row in self.rows if row.status == "done"}
             return ("No robot changed.",) if len(nights) > 1 else ()
-        kind = (
-            "Any false alarm is as rare as"
-            if self.control == "holm"
-            else "Of these, false alarms are at most"
-        )
-        rows = [
-            (
-                *(entry.name, _name_quantity(entry), entry.since, f"{entry.before:.5g}"),
-                *(f"{entry.after:.5g}", f"{entry.sigma:+.1f}", f"{entry.adjusted:.1g}", entry.unit),
+        holm, many = self.control == "holm", len(found) > _MOST_SHOWN
+        kind = "Any false alarm is as rare as" if holm else "Of these, false alarms are at most"
+        rows = []
+        for entry in found[:_MOST_SHOWN]:
+            numbers = (
+                f"{entry.before:.5g}",
+                f"{entry.after:.5g}",
+                f"{entry.sigma:+.1f}",
+                f"{entry.adjusted:.1g}",
             )
-            for entry in found[:_MOST_SHOWN]
-        ]
-        table = Table(
-            ("robot", "what", "since", "before", "after", "sigma", "adjusted p", "unit"),
-            rows,
-            (0, 1, 2),
-            f"Robots that changed: {len({entry.name for entry in found})}",
+            rows.append((entry.name, _name_quantity(entry), entry.since, *numbers, entry.unit))
+        header = ("robot", "what", "since", "before", "after", "sigma", "adjusted p", "unit")
+        title = f"Robots that changed: {len({entry.name for entry in found})}"
+        note = (
             f"{kind} {100.0 * self.level:g} % ({self.control}). A residual is the logarithm of its deviation."
-            + (f" The surest {_MOST_SHOWN} of {len(found)} are shown." if len(found) > _MOST_SHOWN else ""),
         )
-        return (table,)
+        note += f" The surest {_MOST_SHOWN} of {len(found)} are shown." * many
+        return (Table(header, rows, (0, 1, 2), title, note),)
 
     def _show_scatter(self) -> tuple[str, ...]:
         factors = compute_scatter(_collect_series(self.rows))
@@ -362,10 +364,9 @@ class Fleet(PagedResult):
             head |= {"friction": job.friction, "seed": job.seed, "logs": ";".join(job.logs), "key": row.key}
             head |= {"status": row.status, "reason": row.reason, "verdict": row.verdict}
             for entry in row.values:
-                std = entry.std if entry.std < math.inf else None
                 kind = "residual" if entry.residual else "parameter"
-                named = {"kind": kind, "parameter": entry.name, "unit": entry.unit}
-                yield head | named | {"value": entry.value, "std": std}
+                named = {"kind": kind, "parameter": entry.name, "unit": entry.unit, "value": entry.value}
+                yield head | named | {"std": entry.std if entry.std < math.inf else None}
             if not row.values:
                 yield head
 
@@ -376,15 +377,12 @@ class Fleet(PagedResult):
         changed = len({entry.name for entry in found})
         level = "wrong" if lost == len(self.rows) else "doubtful" if lost or found else "good"
         headline = f"{changed} of {robots} robots changed; {lost} of {len(self.rows)} jobs have no fit."
+        counts = {"jobs": len(self.rows), "without a fit": lost, "robots changed": changed}
         page = Page(
             robot=self.folder.name,
             subject=f"fleet of {robots} robots",
             verdict=FitVerdict(level=level, headline=headline, details=(_LEVELS,)),
-            numbers=(
-                (str(len(self.rows)), "jobs"),
-                (str(lost), "without a fit"),
-                (str(changed), "robots changed"),
-            ),
+            numbers=[(str(count), name) for name, count in counts.items()],
             blocks=("== What changed ==", *self._show_changes(), *self.figures()),
             more=("== Jobs ==", self.summarise(), *self._show_reasons(), *self._show_scatter()),
             settings=(("level", f"{self.level:g}"), ("control", self.control)),
@@ -403,25 +401,12 @@ class Fleet(PagedResult):
                 ("night", f"{what} ({'logarithm' if entry.residual else entry.unit})"),
                 [
                     Line("nights", "measured", nights, np.array(entry.values), markers=True, joined=False),
-                    *(
-                        Line("mean before and after", "predicted", x, np.full(len(x), mean))
-                        for x, mean in sides
-                    ),
+                    *(Line("mean before and after", "predicted", x, np.full(len(x), y)) for x, y in sides),
                 ],
                 whole=True,
             )
             found.append(drawing)
         return tuple(found)
-
-
-_MOST_SHOWN = 40
-_MOST_DRAWN = 12
-_LEVELS = "Good: no robot changed and every job has a fit; wrong: no job has one; doubtful: all else."
-_ENLARGED = 1.2
-_COLUMNS = (
-    *("key", "name", "night", "robot", "logs", "rows", "estimator", "friction", "seed", "status", "reason"),
-    *("verdict", "kind", "parameter", "value", "std", "unit"),
-)
 
 
 def _name_quantity(entry: RobotChange) -> str:
@@ -498,9 +483,8 @@ def run(
             stream = stack.enter_context((place / "costs.csv").open("a", encoding="utf-8"))
             for done, (row, cost) in enumerate(ended, start=1):
                 store.write(row)
-                stream.write(
-                    f"{row.key},{row.status},{cost.seconds:.3f},{cost.processor:.3f},{cost.memory:.0f}\n"
-                )
+                spent = f"{cost.seconds:.3f},{cost.processor:.3f},{cost.memory:.0f}"
+                stream.write(f"{row.key},{row.status},{spent}\n")
                 stream.flush()
                 lost += row.status != "done"
                 now, left = time.monotonic(), count - store.found - done
@@ -512,9 +496,6 @@ def run(
         listed = {"format": _FORMAT, "version": 1, "jobs": keys}
         write_file(place / "fleet.json", write_json(listed) + "\n")
     return load(place, level=level, control=control)
-
-
-_FORMAT = "symid fleet"
 
 
 def load(
@@ -615,6 +596,3 @@ class _Store:
             else:
                 self.found += 1
             met.add(key)
-
-
-_SECONDS_BETWEEN = 2.0

@@ -74,22 +74,18 @@ class Table:
     def __str__(self) -> str:
         """Return the table as it stands in a terminal."""
         cells, fold = [self.header], self.fold
+        wrap = textwrap.TextWrapper(fold, break_long_words=False, break_on_hyphens=False).wrap
         for texts in ([_format_cell(cell) for cell in row] for row in self.rows):
-            parts = [[text] for text in texts]
-            if fold and any(len(text) > fold for text in texts):
-                # A long cell has several lines.
-                parts = [
-                    textwrap.wrap(e, fold, break_long_words=False, break_on_hyphens=False) for e in texts
-                ]
+            # A long cell has several lines.
+            is_long = fold and any(len(text) > fold for text in texts)
+            parts = [wrap(text) if is_long else [text] for text in texts]
             cells += [list(line) for line in zip_longest(*parts, fillvalue="")]
         widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
-        lines = [
-            "  ".join(
-                text.ljust(width) if k in self.left else text.rjust(width)
-                for k, (text, width) in enumerate(zip(row, widths, strict=True))
-            ).rstrip()
-            for row in cells
-        ]
+        lines = []
+        for row in cells:
+            pairs = enumerate(zip(row, widths, strict=True))
+            padded = (text.ljust(n) if k in self.left else text.rjust(n) for k, (text, n) in pairs)
+            lines.append("  ".join(padded).rstrip())
         rule = "  ".join("-" * width for width in widths)
         title = [self.title] if self.title else []
         note = [textwrap.fill(line, width=_NOTE_WIDTH) for line in self.note.splitlines()]

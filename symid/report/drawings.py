@@ -3,15 +3,11 @@
 Robot and pose, recording and its check, motion and its limits -> `Drawing`, each with a question and its
 answer in the caption.
 
-    frame of a joint    that of its parent times its placement, turned or moved along z by q
-    link                from one joint's origin across to the next axis, then along it
-
 Figures with their data can also be drawn into axes of matplotlib, by methods of the axes, so that nothing of
-it is imported; `pip install 'symid[plot]'` brings it.
+it is imported.
 
-Supported: trees, prismatic joints, joints that follow another; lengths in symbols are drawn as half a metre
-where they have no value. Not supported: shapes of links; collisions; in axes of matplotlib
-skeletons, flow charts and histograms, which have no such data.
+Supported: trees, prismatic joints, joints that follow another. Not supported: shapes of links; in axes of
+matplotlib skeletons, flow charts and histograms, which have no such data.
 """
 
 from collections.abc import Iterator, Sequence
@@ -41,6 +37,10 @@ _THICKEST, _THINNEST = 0.055, 0.03
 """Radii of the first and the last drum, in parts of the arm's extent."""
 _SAMPLES = 600
 """Of a trajectory that is drawn."""
+_OFTEN, _PEAK = 0.01, 0.999
+"""Share of the samples at the peak from which they are marked; size of those samples over the peak."""
+_UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "torque": ("N m", "N")}
+_NEEDED = ("plot", "fill", "axvline", "set_xlabel", "legend")
 
 
 def place_arm(robot: Robot, pose: Sequence[float]) -> tuple[list[FloatArray], list[FloatArray]]:
@@ -79,9 +79,7 @@ def _list_symbols(placement: Placement) -> set[str]:
 def draw_robot(robot: Robot, pose: Sequence[float] | None = None) -> Drawing:
     """Return the robot as a skeleton with the frames of its links.
 
-    Args:
-        robot: to draw.
-        pose: coordinates of the joints that follow no other, rad or m; zero where the limits allow it.
+    `pose` are coordinates of the joints that follow no other, rad or m; zero where the limits allow it.
 
     Raises:
         UsageError: there are more or fewer coordinates than the robot has.
@@ -145,11 +143,6 @@ def draw_log(log: "Recording", robot: Robot, checked: "CheckedLog | None" = None
     )
 
 
-_OFTEN, _PEAK = 0.01, 0.999
-"""Share of the samples at the peak from which they are marked; size of those samples over the peak."""
-_UNITS = {"position": ("rad", "m"), "velocity": ("rad/s", "m/s"), "torque": ("N m", "N")}
-
-
 def _draw_channels(
     caption: str, name: str, robot: Robot, course: tuple[FloatArray, FloatArray, NDArray[np.bool_] | None]
 ) -> Iterator[Drawing]:
@@ -162,10 +155,8 @@ def _draw_channels(
         rows = [k for k, joint in enumerate(robot.axes) if joint.prismatic == bool(prismatic)]
         for start in range(0, len(rows), len(figures.STYLES)):
             group = rows[start : start + len(figures.STYLES)]
-            lines = [
-                figures.Line(robot.axes[k].name, style, time, values[:, k])
-                for k, style in zip(group, figures.STYLES, strict=False)
-            ]
+            styled = zip(group, figures.STYLES, strict=False)
+            lines = [figures.Line(robot.axes[k].name, style, time, values[:, k]) for k, style in styled]
             spots = [] if marked is None else [(time[marked[:, k]], values[marked[:, k], k]) for k in group]
             if sum(len(x) for x, _ in spots):
                 x, y = (np.concatenate(part) for part in zip(*spots, strict=True))
@@ -219,9 +210,6 @@ def draw_excitation(found: "OptimisedExcitation", robot: Robot) -> tuple[Drawing
 def list_shares(margins: Sequence["Margin"]) -> list[tuple[str, float]]:
     """Return name and used part of each limit but clearances."""
     return [(f"{entry.name} {entry.kind}", entry.share) for entry in margins if entry.share is not None]
-
-
-_NEEDED = ("plot", "fill", "axvline", "set_xlabel", "legend")
 
 
 def list_axes(given: object) -> list[Any]:

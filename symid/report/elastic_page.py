@@ -9,7 +9,7 @@ Not supported: uncertainties of single stops: they are strongly correlated with 
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from itertools import chain, pairwise
+from itertools import chain, cycle, pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -48,8 +48,7 @@ def build_elastic_page(
     """Return all that the page shows.
 
     `trials` are what the estimate predicts of logs, held out or not; iterations of `iterated`, from the same
-    logs, are shown where the result has none; `tracking` are motions with several feed-forwards. `options`
-    are notices, origin and further fields of the page, as of `build_fit_page`.
+    logs, are shown where the result has none; `tracking` are motions with several feed-forwards.
     """
     refused = {name for name, _ in estimate.refused}
     kept = [entry for entry in estimate.parameters if entry.name not in refused]
@@ -124,10 +123,8 @@ def _list_numbers(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
 def _show_trials(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
     for trial in trials:
         yield f"== Hysteresis loops: {trial.source} =="
-        yield (
-            ("A log of the fit: this is no test." if trial.fitted else "Held out: not used in the fit.")
-            + " Torques and torsions passed the same filter."
-        )
+        what = "A log of the fit: this is no test." if trial.fitted else "Held out: not used in the fit."
+        yield f"{what} Torques and torsions passed the same filter."
         for joint in trial.joints:
             yield f"=== {joint.joint} ==="
             yield draw_loops(joint)
@@ -142,11 +139,8 @@ def _show_errors(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
         for joint in (joint for joint in trial.joints if joint.final is not None):
             label, linear = _get_linear_torque(joint)
             curves = ((label, "initial", linear), ("identified", "final", joint.final))
-            errors = [
-                figures.Line(name, style, joint.time, joint.motor - y)
-                for name, style, y in curves
-                if y is not None
-            ]
+            known = [(name, style, y) for name, style, y in curves if y is not None]
+            errors = [figures.Line(name, style, joint.time, joint.motor - y) for name, style, y in known]
             caption = f"When does the spring miss? Joint torque of {joint.joint} less that of the spring."
             yield figures.build_line_figure(caption, ("time (s)", f"difference ({joint.unit})"), errors)
 
@@ -301,19 +295,14 @@ def _measure_spring(spring: joint_models.Elasticity, amplitude: float) -> tuple[
 def _get_traceable(estimate: SpringEstimate) -> joint_models.Elasticity | None:
     """Return the true spring, None where it is not known, or its torque depends on the speed of a sweep."""
     true = estimate.truth
-    return (
-        true
-        if true is None or true.is_plain or not joint_models.needs_time(replace(true, damping=0.0))
-        else None
-    )
+    timed = true is not None and not true.is_plain and joint_models.needs_time(replace(true, damping=0.0))
+    return None if timed else true
 
 
 def draw_branches(estimate: SpringEstimate) -> Drawing:
     """Return first curve, outer loop, nested loops, all by the spring's own memory."""
     amplitude = _choose_amplitude(estimate)
-    whole = _sweep_torsion(
-        amplitude, -amplitude, amplitude, *(amplitude * turn for turn in _TURNS), amplitude
-    )
+    whole = _sweep_torsion(*(amplitude * turn for turn in (1.0, -1.0, 1.0, *_TURNS, 1.0)))
     torque = joint_models.run_element(replace(estimate.elasticity, damping=0.0), whole).output
     pieces = (
         ("nested loops", "minor", slice(3 * _SAMPLES, None)),
@@ -355,13 +344,10 @@ def _compare_methods(estimate: ElasticEstimate) -> Iterator[Block]:
     names = [f"{trial.method}{' (chosen)' * (trial.method == estimate.method)}" for trial in trials]
     columns = [map(_format_score, scores) for scores in measures.values()]
     yield _PREDICTION
-    yield Table(
-        ("method", *measures, "outcome"),
-        tuple(zip(names, *columns, (trial.outcome.value for trial in trials), strict=True)),
-        (0, len(measures) + 1),
-        "Methods on the same logs. Less is better.",
-        picked=chosen.index(True) if any(chosen) else None,
-    )
+    rows = tuple(zip(names, *columns, (trial.outcome.value for trial in trials), strict=True))
+    header, left = ("method", *measures, "outcome"), (0, len(measures) + 1)
+    picked = chosen.index(True) if any(chosen) else None
+    yield Table(header, rows, left, "Methods on the same logs. Less is better.", picked=picked)
     for measure, scores in measures.items():
         marks = [
             figures.Mark(name, score, _format_score(score), mine)
@@ -406,21 +392,19 @@ def _show_convergence(estimate: ElasticEstimate) -> Iterator[Block]:
         ),
     )
     for place, (caption, label, curves) in enumerate(courses):
+        styled = zip(curves.items(), cycle(figures.STYLES), strict=False)
         lines = [
-            figures.Line(name, figures.STYLES[k % len(figures.STYLES)], number, np.array(y), markers=True)
-            for k, (name, y) in enumerate(curves.items())
+            figures.Line(name, style, number, np.array(y), markers=True)
+            for (name, y), style in styled
             if np.any(np.array(y) > 0.0)
         ]
         if lines:
             labels = ("iteration", label)
             yield figures.build_line_figure(caption, labels, lines, logarithmic=not place, whole=True)
-    rows = [
-        (
-            *(place, f"{entry.merit:.6g}", f"{entry.change:.2e}", f"{entry.damping:g}"),
-            *(f"{norm:.5g}" for norm in (entry.norms if heads else ())),
-        )
-        for place, entry in enumerate(history, start=1)
-    ]
+    rows = list[Sequence[object]]()
+    for place, entry in enumerate(history, start=1):
+        shown = (f"{norm:.5g}" for norm in (entry.norms if heads else ()))
+        rows.append((place, f"{entry.merit:.6g}", f"{entry.change:.2e}", f"{entry.damping:g}", *shown))
     header = ("iteration", "merit", "relative change", "damping", *heads)
     yield Table(header, rows, title="Every iteration, with the norms of its residuals.")
 
@@ -433,11 +417,7 @@ def _show_tracking(estimate: ElasticEstimate, runs: "Sequence[TrackingRun]") -> 
     yield "== Tracking =="
     yield Table(header, rows, title="RMS tracking error of the links (reached minus desired position).")
     for index, (name, unit) in enumerate(joints):
-        lines = [
-            figures.Line(
-                run.name, figures.STYLES[number % len(figures.STYLES)], run.time, 1e3 * run.error[:, index]
-            )
-            for number, run in enumerate(runs)
-        ]
+        styled = zip(runs, cycle(figures.STYLES), strict=False)
+        lines = [figures.Line(run.name, style, run.time, 1e3 * run.error[:, index]) for run, style in styled]
         caption = f"Tracking error of {name} with every feed-forward."
         yield figures.build_line_figure(caption, ("time (s)", f"tracking error (m{unit})"), lines)

@@ -1,8 +1,5 @@
 """Figures as inline SVG: lines, curves, clouds, areas, histograms, values in rows; flow charts, arms.
 
-Values with labels and units -> `Drawing`, whose caption is also its title for screen readers, in colours for
-light and dark backgrounds. The same input gives the same text.
-
 Lines have at most 2000 points: functions of one variable keep every peak, curves that turn back on
 themselves, such as hysteresis loops, keep their corners (Ramer 1972, Douglas and Peucker 1973).
 
@@ -27,8 +24,6 @@ WIDTH = 560
 """Of a figure: half a page on a desk, the whole of a telephone, where its letters stay legible."""
 _SMALLEST, _LARGEST = 1e-300, 1e300
 """Ends of axes: the least of a logarithmic one, and the greatest. What lies beyond is not in the drawing."""
-TIME = "time (s)"
-"""Label of the axis of figures that have a cursor and a zoom in pages."""
 _RIGHT, _BOTTOM = 14, 46
 _LONGEST_LABEL = 24
 """Letters beside a row of a figure."""
@@ -39,12 +34,23 @@ _CHARACTER = 7.2
 _DIGIT = 8.1
 """Width of a digit."""
 _LEGEND_ROW = 19.0
-SUPERSCRIPT = str.maketrans(
-    "-0123456789",
-    "\N{SUPERSCRIPT MINUS}\N{SUPERSCRIPT ZERO}\N{SUPERSCRIPT ONE}\N{SUPERSCRIPT TWO}\N{SUPERSCRIPT THREE}"
-    "\N{SUPERSCRIPT FOUR}\N{SUPERSCRIPT FIVE}\N{SUPERSCRIPT SIX}\N{SUPERSCRIPT SEVEN}"
-    "\N{SUPERSCRIPT EIGHT}\N{SUPERSCRIPT NINE}",
-)
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+STYLES = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh")
+"""Of lines of equal rank: distinguished by colour and by dashes."""
+POINTS = 2000
+_INVISIBLE = 0.15
+"""Distance in the unit of the drawing below which nobody sees a corner."""
+_LOGARITHMIC_RATIO = 8.0
+"""Ratio of the largest to the smallest value from which on the axis is logarithmic."""
+Point = tuple[float, float]
+"""A place in a drawing, to the right and downwards."""
+_BOX = (300.0, 46.0)
+_TEXT_ROW = 16.0
+_HEAD = 9.0
+_VIEW = (math.radians(-62.0), math.radians(16.0))
+"""From where an arm is seen: turned about the vertical, and from above."""
+_ARM_HEIGHT = 400.0
+_ROUND = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,9 +78,7 @@ class Axis:
         if not self.logarithmic:
             raw = (high - low) / count
             power = 10.0 ** math.floor(math.log10(raw))
-            step = next(
-                factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw * (1 - 1e-9)
-            )
+            step = next(x * power for x in (1.0, 2.0, 5.0, 10.0) if x * power >= raw * (1 - 1e-9))
             first, last = math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9)
             ticks = tuple(k * step for k in range(first, last + 1))
             # Between two iterations there is none.
@@ -214,14 +218,6 @@ def _wrap_figure(
     return Drawing(f"{head}<title>{escape(caption)}</title>{''.join(body)}</svg>", caption)
 
 
-STYLES = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh")
-"""Of lines of equal rank: distinguished by colour and by dashes."""
-
-POINTS = 2000
-_INVISIBLE = 0.15
-"""Distance in the unit of the drawing below which nobody sees a corner."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Line:
     """A line y (N,) over x (N,), points, or an outline with its inside.
@@ -251,10 +247,8 @@ def thin_line(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     if len(x) <= POINTS:
         return x, y
     edges = np.linspace(0, len(x), POINTS // 2 + 1).astype(int)
-    kept: set[int] = set()
-    for start, end in pairwise(edges):
-        kept |= {int(start + np.argmin(y[start:end])), int(start + np.argmax(y[start:end]))}
-    index = np.array(sorted(kept))
+    ends = ((start, y[start:end]) for start, end in pairwise(edges))
+    index = np.unique([start + find(part) for start, part in ends for find in (np.argmin, np.argmax)])
     return x[index], y[index]
 
 
@@ -298,14 +292,10 @@ def build_line_figure(
     logarithmic: bool = False,
     whole: bool = False,
 ) -> Drawing:
-    """Return lines over a common horizontal axis.
+    """Return lines over a common horizontal axis; each has at least one point.
 
-    Args:
-        caption: what is shown, also for screen readers.
-        labels: of the horizontal and the vertical axis, with units.
-        lines: at least one, each with at least one point.
-        logarithmic: whether the vertical axis is; at least one value must be positive then.
-        whole: whether the horizontal axis counts something.
+    The caption is also for screen readers; `labels` are those of the horizontal and the vertical axis, with
+    units. A `logarithmic` vertical axis needs a positive value; a `whole` horizontal axis counts something.
     """
     if logarithmic:
         positive = [(line, line.y > 0.0) for line in lines]
@@ -339,7 +329,7 @@ def _build_figure(
     frame = replace(frame, height=frame.height + above, top=frame.top + above)
     body, more = _draw_axes(frame, labels), ""
     # A script reads time and values from the points: hundredths of the unit of the drawing, and the axes.
-    live = labels[0] == TIME and not frame.y.logarithmic
+    live = labels[0] == "time (s)" and not frame.y.logarithmic
     if live:
         sides = (frame.left, frame.top, frame.right, frame.bottom)
         ends = (*sides, frame.x.low, frame.x.high, frame.y.low, frame.y.high)
@@ -364,10 +354,6 @@ def _build_figure(
     found = _wrap_figure(caption, frame.height, [*body, *legend], more=more)
     data = FigureData(labels=labels, lines=tuple(lines), logarithmic=frame.y.logarithmic)
     return replace(found, data=data)
-
-
-_LOGARITHMIC_RATIO = 8.0
-"""Ratio of the largest to the smallest value from which on the axis is logarithmic."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -401,10 +387,9 @@ def build_histogram(caption: str, labels: tuple[str, str], values: FloatArray) -
     counts, edges = np.histogram(values, bins=bins, range=(low, high))
     x = np.linspace(low, high, 201)
     mean, deviation = float(np.mean(values)), float(np.std(values))
-    width = (high - low) / bins
     normal = np.zeros_like(x)
     if deviation > 0.0:
-        scale = len(values) * width / (deviation * math.sqrt(2.0 * math.pi))
+        scale = len(values) * ((high - low) / bins) / (deviation * math.sqrt(2.0 * math.pi))
         normal = scale * np.exp(-0.5 * ((x - mean) / deviation) ** 2)
     largest = max(float(counts.max()), float(normal.max()), 1.0)
     frame = PlotArea(x=axis, y=Axis(low=0.0, high=1.05 * largest), height=230.0)
@@ -441,8 +426,8 @@ def build_mark_figure(
     room = 18.0 + _DIGIT * max(len(entry.text) for entry in marks)
     share = room / max(WIDTH - left - room, _LEAST_ROOM)
     if logarithmic:
-        decades = math.log10(axis.high) - math.log10(axis.low)
-        is_beyond = math.log10(axis.high) + share * decades > math.log10(_LARGEST)
+        highest = math.log10(axis.high)
+        is_beyond = highest + share * (highest - math.log10(axis.low)) > math.log10(_LARGEST)
         high = _LARGEST if is_beyond else min(axis.high * (axis.high / axis.low) ** share, _LARGEST)
     else:
         high = axis.high + share * (axis.high - axis.low)
@@ -469,13 +454,6 @@ def build_mark_figure(
             body.append(f'<text class="{style}" x="{x + 12:.1f}" y="{y + 4:.1f}">{escape(entry.text)}</text>')
     data = FigureData(labels=(label, ""), marks=tuple(marks), limit=limit, logarithmic=logarithmic)
     return replace(_wrap_figure(caption, frame.height, body), data=data)
-
-
-Point = tuple[float, float]
-"""A place in a drawing, to the right and downwards."""
-_BOX = (300.0, 46.0)
-_TEXT_ROW = 16.0
-_HEAD = 9.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -547,12 +525,6 @@ def build_flow_chart(
             for k, text in enumerate(box.text)
         ]
     return _wrap_figure(caption, height, body, width)
-
-
-_VIEW = (math.radians(-62.0), math.radians(16.0))
-"""From where an arm is seen: turned about the vertical, and from above."""
-_ARM_HEIGHT = 400.0
-_ROUND = np.linspace(0.0, 2.0 * np.pi, 33)[:-1]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,6 +16,18 @@ if TYPE_CHECKING:
     from symid.identification.friction import FrictionIdentification, JointFriction, PoseTest
     from symid.logs import Alignment
 
+_EFFECTS = {
+    "torque-lag": ("torque acts late", "s"),
+    "link-friction": ("viscous friction of the link", "{torque} s/{position}"),
+    "torque-ripple": ("torque ripple", "{torque}"),
+    "kinematic-error": ("kinematic error of the gear", "{position}"),
+    "link-eccentricity": ("eccentricity of the link's encoder", "{position}"),
+    "torsion-offset": ("zero of the torsion", "{position}"),
+}
+"""What they are called, and their units."""
+_WIDTH = 100
+_SHOWN = 3
+
 
 def _describe_parameter(entry: "estimators.ParameterEstimate") -> dict[str, Any]:
     return {**describe_record(entry), "relative_std_percent": entry.relative_std_percent}
@@ -50,10 +62,8 @@ def tabulate_laws(laws: "Sequence[estimators.FittedLaw]") -> tuple[Block, ...]:
         others = (f"{one.law} {held[one.law]}" for one in trials if one.law != entry.law and not one.reason)
         own, plain = held.get(entry.law, ""), held.get("coulomb-viscous-offset", "")
         rows.append((entry.joint, entry.law, own, plain, next(others, "")))
-    title = (
-        "Friction laws: what each leaves of the torque of held-out windows in motion; plain is "
-        "coulomb-viscous-offset."
-    )
+    title = "Friction laws: what each leaves of the torque of held-out windows in motion; plain is "
+    title += "coulomb-viscous-offset."
     header = ("joint", "friction law", "held out/%", "plain/%", "best other law, %")
     return (Table(header, rows, (0, 1, 4), title),)
 
@@ -75,13 +85,9 @@ def describe_validation(validation: "estimators.Validation") -> dict[str, object
 def _describe_motion_parts(motion: "estimators.MotionResidual") -> dict[str, object]:
     """Return one joint's residual by the phases of motion."""
     parts = zip(("motion", "reversal", "rest"), motion.rms, motion.rows, strict=True)
-    return {
-        "joint": motion.joint,
-        "unit": motion.unit,
-        **{name: {"rms": rms, "rows": rows} for name, rms, rows in parts},
-        "left_out": motion.left_out,
-        "all_rows_rms": motion.whole,
-    }
+    phases = {name: {"rms": rms, "rows": rows} for name, rms, rows in parts}
+    head = {"joint": motion.joint, "unit": motion.unit}
+    return {**head, **phases, "left_out": motion.left_out, "all_rows_rms": motion.whole}
 
 
 def show_all_rows(validation: "estimators.Validation") -> str:
@@ -101,27 +107,23 @@ def show_estimate(estimate: "estimators.Estimate") -> tuple[Block, ...]:
         f"{estimate.robot}: {estimate.rows} rows, {estimate.estimator}, {estimate.samples} equations, "
         f"condition {estimate.condition:.3g}: {estimate.outcome.value}"
     )
-    table = _show_parameters(
-        estimate.parameters, ".3g", {"robot file": "truth", "within 3 std": "near_truth"}
-    )
+    truth = {"robot file": "truth", "within 3 std": "near_truth"}
+    table = _show_parameters(estimate.parameters, ".3g", truth)
     lines = []
     fit: Any = estimate.settings.get("fit")
     if isinstance(fit, Mapping) and "tracking" in fit:
         # Output-error estimators simulate.
-        count = fit["iterations"]
-        lines.append(
-            f"started from {fit['start']}; {count} simulation{'s'[: count > 1]} of the controlled robot"
-        )
+        times = f"{fit['iterations']} simulation{'s'[: fit['iterations'] > 1]} of the controlled robot"
+        lines = [f"started from {fit['start']}; {times}"]
         lines += [
-            f"{entry['joint']}: simulated positions {entry['simulated_from_measured']:.3g} {entry['unit']} "
-            f"(rms) from the measured ones, the reference {entry['reference_from_measured']:.3g} "
-            f"{entry['unit']}"
+            "{joint}: simulated positions {simulated_from_measured:.3g} {unit} (rms) from the measured ones, "
+            "the reference {reference_from_measured:.3g} {unit}".format(**entry)
             for entry in fit["tracking"]
         ]
         if "wls" in fit:
             lines.append(fit["wls"]["verdict"])
-    refused = "\n".join(f"refused: {name}: {reason}" for name, reason in estimate.refused)
-    texts = filter(None, ("\n".join(lines), refused))
+    refused = [f"refused: {name}: {reason}" for name, reason in estimate.refused]
+    texts = ("\n".join(part) for part in (lines, refused) if part)
     held_out = () if estimate.evidence is None else (show_evidence(estimate.evidence),)
     laws = tabulate_laws(estimate.laws)
     return (headline, table, *laws, show_residual(estimate.residual), *held_out, *texts)
@@ -132,14 +134,11 @@ def _show_parameters(
 ) -> Table:
     """Return values with deviations, percent in a format; where any truth is known, fields `beside` them."""
     known = beside if any(entry.truth is not None for entry in parameters) else {}
-    rows = [
-        (
-            *(entry.name, entry.value, entry.std),
-            *(format(entry.relative_std_percent, form) if form else entry.relative_std_percent, entry.unit),
-            *(getattr(entry, field) for field in known.values()),
-        )
-        for entry in parameters
-    ]
+    rows = list[Sequence[object]]()
+    for entry in parameters:
+        percent = format(entry.relative_std_percent, form) if form else entry.relative_std_percent
+        truth = (getattr(entry, field) for field in known.values())
+        rows.append((entry.name, entry.value, entry.std, percent, entry.unit, *truth))
     return Table(("parameter", "value", "std", "std/%", "unit", *known), rows, (0, 4))
 
 
@@ -154,16 +153,11 @@ def show_residual(residual: Sequence["estimators.Residual"], title: str = "") ->
 
 def show_evidence(evidence: "estimators.Evidence") -> Table:
     """Return the table of what is left of held-out stretches, joint by joint."""
-
-    def write(value: float) -> str:
-        return f"{value:.3g}" if math.isfinite(value) else ""
-
     parts = f"{evidence.logs} logs" if evidence.logs else f"{evidence.stretches} stretches"
     rows = [
         (
-            entry.joint,
-            *(f"{entry.fitted:.3g}", f"{entry.held_out:.3g}"),
-            *map(write, (entry.moving, entry.slow)),
+            *(entry.joint, f"{entry.fitted:.3g}", f"{entry.held_out:.3g}"),
+            *(f"{value:.3g}" if math.isfinite(value) else "" for value in (entry.moving, entry.slow)),
             *(f"{100.0 * entry.share:.3g}", f"{entry.torque:.3g}"),
         )
         for entry in evidence.joints
@@ -175,13 +169,10 @@ def show_evidence(evidence: "estimators.Evidence") -> Table:
 
 def show_tests(evidence: "estimators.Evidence") -> Table:
     """Return the table of what estimates from different rows say of each other."""
-    rows = [
-        (
-            *(entry.what, entry.part, entry.joint, entry.verdict),
-            *(f"{entry.size:.2g}", f"{entry.bound:.2g}", f"{entry.p:.2g}"),
-        )
-        for entry in evidence.tests
-    ]
+    rows = []
+    for entry in evidence.tests:
+        numbers = (f"{value:.2g}" for value in (entry.size, entry.bound, entry.p))
+        rows.append((entry.what, entry.part, entry.joint, entry.verdict, *numbers))
     header = ("rows", "log", "joint", "they say", "differ by/%", "at most/%", "p")
     title = "Estimates from different rows, by the torque that they predict, in percent of it."
     return Table(header, rows, (0, 1, 2, 3), title)
@@ -193,18 +184,12 @@ def show_motion(motion: Sequence["estimators.MotionResidual"]) -> tuple[Table, .
         return ()
     left_out = any(entry.left_out for entry in motion)
     header = ("joint", "in motion", "at reversal", "at rest", "unit")
-    rows = [
-        (
-            entry.joint,
-            *(
-                "" if rms is None else f"{rms:.4g} ({100.0 * count / sum(entry.rows):.3g} %)"
-                for rms, count in zip(entry.rms, entry.rows, strict=True)
-            ),
-            entry.unit,
-            *((entry.left_out or "", f"{entry.whole:.4g}") if left_out else ()),
-        )
-        for entry in motion
-    ]
+    rows = list[Sequence[object]]()
+    for entry in motion:
+        pairs, whole = zip(entry.rms, entry.rows, strict=True), sum(entry.rows)
+        phases = ("" if rms is None else f"{rms:.4g} ({100.0 * n / whole:.3g} %)" for rms, n in pairs)
+        more = (entry.left_out or "", f"{entry.whole:.4g}") if left_out else ()
+        rows.append((entry.joint, *phases, entry.unit, *more))
     title = "RMS of the residual of all rows, and their share; at reversal: below 5 % of the top speed."
     return (Table((*header, *(("left out", "all rows") if left_out else ())), rows, (0, 4), title),)
 
@@ -227,18 +212,14 @@ def describe_alignment(alignment: "Alignment", joints: Sequence[str]) -> dict[st
 
 def describe_stiffness(found: "StiffnessEstimate") -> dict[str, object]:
     """Return the result as `symid identify --method stiffness --json` gives it."""
+    joints = list(map(describe_record, found.joints))
+    for plain, entry in zip(joints, found.joints, strict=True):
+        plain |= {"verdict": entry.verdict.name.lower(), "identified": entry.stiffness is not None}
     return {
         "robot": found.robot,
         "method": "stiffness",
         **describe_alignment(found.alignment, [entry.joint for entry in found.joints]),
-        "joints": [
-            {
-                **describe_record(entry),
-                "verdict": entry.verdict.name.lower(),
-                "identified": entry.stiffness is not None,
-            }
-            for entry in found.joints
-        ],
+        "joints": joints,
         "interval_method": f"95 %, Student's t, jackknife over {found.blocks} blocks of about a second",
         "hysteresis": None,
         "hysteresis_reason": "a spring was fitted and nothing else: no hysteresis is claimed",
@@ -263,13 +244,10 @@ def show_stiffness(found: "StiffnessEstimate") -> tuple[Block, ...]:
         if alignment.present[index]
     ]
     header = ("joint", "stiffness", "from", "to (95 %)", "unit", "explained/1e-6", "left/1e-6", "verdict")
-    springs = [
-        (
-            *(entry.joint, entry.stiffness, *(entry.interval or (None, None)), entry.unit),
-            *(1e6 * entry.explained, 1e6 * entry.left, entry.verdict.name.lower().replace("_", " ")),
-        )
-        for entry in found.joints
-    ]
+    springs = []
+    for entry in found.joints:
+        sizes = (1e6 * entry.explained, 1e6 * entry.left, entry.verdict.name.lower().replace("_", " "))
+        springs.append((entry.joint, entry.stiffness, *(entry.interval or (None, None)), entry.unit, *sizes))
     return (
         f"{found.robot}: the stiffness of {known} of {len(found.joints)} joints is identifiable",
         text,
@@ -283,14 +261,13 @@ def describe_elastic(estimate: "ElasticEstimate") -> dict[str, object]:
     """Return the estimate of elastic joints as `symid identify --json` gives it."""
     found = describe_record(estimate)
     del found["friction"]
+    for plain, trial in zip(found["trials"], estimate.trials, strict=True):
+        plain["outcome"] = trial.outcome.name.lower()
     return {
         **found,
         "parameters": [_describe_parameter(entry) for entry in estimate.parameters],
         "effects": [_describe_effect(estimate, effect) for effect in estimate.effects],
         "outcome": describe_outcome(estimate.outcome),
-        "trials": [
-            {**describe_record(trial), "outcome": trial.outcome.name.lower()} for trial in estimate.trials
-        ],
         "refused": _describe_refused(estimate.refused),
     }
 
@@ -340,17 +317,6 @@ def show_springs(estimate: "ElasticEstimate") -> Table:
     return Table(header, rows, (0, 4, 5) if branched else (0, 4))
 
 
-_EFFECTS = {
-    "torque-lag": ("torque acts late", "s"),
-    "link-friction": ("viscous friction of the link", "{torque} s/{position}"),
-    "torque-ripple": ("torque ripple", "{torque}"),
-    "kinematic-error": ("kinematic error of the gear", "{position}"),
-    "link-eccentricity": ("eccentricity of the link's encoder", "{position}"),
-    "torsion-offset": ("zero of the torsion", "{position}"),
-}
-"""What they are called, and their units."""
-
-
 def _describe_effect(estimate: "ElasticEstimate", effect: "DriveEffect") -> dict[str, object]:
     """Return an effect in plain types, with its joint and unit."""
     torque = estimate.residual[max(effect.joint, 0)].unit
@@ -370,10 +336,6 @@ def show_effects(estimate: "ElasticEstimate") -> Table:
         rows.append((plain["joint"], _EFFECTS[effect.kind][0], order, *values, plain["unit"]))
     title = "Taken off before the fit; an order N is of waves cos(N theta), theta on the joint side."
     return Table(("joint", "effect", "order", "value", "std", "unit"), rows, (0, 1, 5), title)
-
-
-_WIDTH = 100
-_SHOWN = 3
 
 
 def describe_friction(found: "FrictionIdentification") -> dict[str, object]:
@@ -403,9 +365,7 @@ def _describe_joint_friction(entry: "JointFriction") -> dict[str, object]:
             **describe_record(poses),
             "poses": [{"others": dict(pose.others), "sources": pose.sources} for pose in poses.poses],
             "skipped": _describe_refused(poses.skipped, "sources"),
-            "parameters": [
-                {**describe_record(line), "interval_95": line.intervals} for line in poses.parameters
-            ],
+            "parameters": [{**describe_record(e), "interval_95": e.intervals} for e in poses.parameters],
         },
     }
 
@@ -432,12 +392,10 @@ def _show_joint_friction(entry: "JointFriction") -> list[Block]:
     table = _show_parameters(shown, ".3g", {})
     meanings = ("rigid part" if line in rigid else line.reason or line.expression for line in shown)
     rows = [(*row, meaning) for row, meaning in zip(table.rows, meanings, strict=True)]
+    rms = f"{residual.std:.4g} {residual.unit} RMS over {residual.samples} rows"
     parts += [
         Table((*table.header, "meaning"), rows, (0, 4, 5)) if shown else "no parameter is identifiable",
-        _wrap(
-            f"{entry.rigid}; residual {residual.relative_percent:.4f} % of the torque, {residual.std:.4g} "
-            f"{residual.unit} RMS over {residual.samples} rows"
-        ),
+        _wrap(f"{entry.rigid}; residual {residual.relative_percent:.4f} % of the torque, {rms}"),
     ]
     motion = entry.motion
     if motion is not None:
@@ -460,17 +418,12 @@ def _show_joint_friction(entry: "JointFriction") -> list[Block]:
 
 def show_law_trials(selection: "estimators.LawSelection", title: str = "") -> Table:
     """Return the table of the laws that were compared, by torques held back."""
-    rows = [
-        (
-            trial.law,
-            trial.unknowns,
-            *(write_number(value, ".4f") for value in (trial.fitted_percent, trial.held_percent)),
-            trial.held_rms,
-            *(write_number(trial.ratio, ".4f"), write_number(trial.behind, ".1f")),
-            "chosen" if trial.law == selection.chosen else trial.reason,
-        )
-        for trial in selection.trials
-    ]
+    rows = list[Sequence[object]]()
+    for trial in selection.trials:
+        percent = (write_number(value, ".4f") for value in (trial.fitted_percent, trial.held_percent))
+        distance = (write_number(trial.ratio, ".4f"), write_number(trial.behind, ".1f"))
+        choice = "chosen" if trial.law == selection.chosen else trial.reason
+        rows.append((trial.law, trial.unknowns, *percent, trial.held_rms, *distance, choice))
     header = ("law", "unknowns", "fitted/%", "held out/%", "RMS", "squares", "behind/se", "choice")
     return Table(header, rows, (0, 7), title)
 
@@ -478,18 +431,13 @@ def show_law_trials(selection: "estimators.LawSelection", title: str = "") -> Ta
 def show_poses(poses: "PoseTest") -> tuple[Block, ...]:
     """Return the intervals of every parameter pose by pose, and where the poses are."""
     header = ("parameter", *(f"pose {k}, 95 %" for k in range(1, len(poses.poses) + 1)), "unit", "chance")
-    rows = [
-        (
-            entry.name,
-            *(f"{low:.4g} .. {high:.4g}" for low, high in entry.intervals),
-            *(entry.unit, f"{entry.chance:.2g}"),
-        )
-        for entry in poses.parameters
-    ]
-    lines = []
-    for number, pose in enumerate(poses.poses, start=1):
-        others = ", ".join(f"{name} {place:.3g}" for name, place in pose.others)
-        lines.append(f"pose {number}: {others} ({', '.join(pose.sources)})")
+    rows = []
+    for entry in poses.parameters:
+        intervals = (f"{low:.4g} .. {high:.4g}" for low, high in entry.intervals)
+        rows.append((entry.name, *intervals, entry.unit, f"{entry.chance:.2g}"))
+    places = (", ".join(f"{name} {place:.3g}" for name, place in pose.others) for pose in poses.poses)
+    pairs = enumerate(zip(places, poses.poses, strict=True), start=1)
+    lines = [f"pose {number}: {others} ({', '.join(pose.sources)})" for number, (others, pose) in pairs]
     lines += [_wrap(f"left out: {sources}: {reason}") for sources, reason in poses.skipped]
     text = "\n".join(lines)
     return (Table(header, rows, left=(0, len(poses.poses) + 1), title=text) if rows else text,)

@@ -1,15 +1,9 @@
 """The pages of fits: of a rigid robot, of friction joint by joint, of any kind with the logs it is tried on.
 
-`Estimate`, `Validation` of held-out logs, perhaps a `Diagnosis` -> `Page`: verdict, parameters, residuals,
-identifiability, drift, structure of the residual, measured and predicted torques, settings.
-
-`FrictionIdentification` -> `Page`; the figure of a joint has measured rows, their means, law and 95 % band:
-
-    band: g' Cov g, g = [Phi(v), dPhi/ds c]
-
-The curve ends at the slowest row, in each direction: an extrapolated band would be too narrow.
-
-Estimate of any kind -> `FitVerdict`, drawings for a notebook; with robot and held-out logs -> page, notices.
+Estimate of any kind, `Validation` of held-out logs, perhaps a `Diagnosis` -> `FitVerdict`, drawings, `Page`.
+The figure of a friction law has measured rows, their means, the law and its 95 % band g' Cov g with
+g = [Phi(v), dPhi/ds c]. The curve ends at the slowest row in each direction: an extrapolated band would be
+too narrow.
 
 Supported: friction laws of the velocity alone; of others the curve at no load, at angle zero.
 Not supported of friction: the scatter of single rows as a band.
@@ -66,11 +60,14 @@ _FLAT = 1.01
 """Ratio of objectives up to which a search has nothing to show."""
 _STILL = 1e-3
 """Speed of the slowest row over the fastest up to which rows reach standstill."""
+_LEFT = "What the model leaves unexplained of the logs of the fit."
 _TRIALS = (
     "Friction laws by their residual on held-out parts of the log. Squares: squared error relative to "
     "Coulomb + viscous + offset. Behind: difference from the best law in standard errors over the parts; of "
     "those that it does not surely surpass, the law with the fewest parameters is chosen."
 )
+_MOST_PARAMETERS = 12
+"""Parameters in the figure of the least certain ones."""
 
 
 def build_identification_page(
@@ -91,13 +88,9 @@ def build_identification_page(
     # How the friction law of a joint was chosen, where there was a choice.
     choices: list[Block] = []
     for entry in estimate.laws:
-        chosen = entry.selection
-        if chosen is not None and len(chosen.trials) > 1:
-            choices += [
-                f"=== {entry.joint}: {entry.law} ===",
-                chosen.verdict,
-                fit_text.show_law_trials(chosen),
-            ]
+        if entry.selection is not None and len(entry.selection.trials) > 1:
+            title = f"=== {entry.joint}: {entry.law} ==="
+            choices += [title, entry.selection.verdict, fit_text.show_law_trials(entry.selection)]
     return pages.build_fit_page(
         estimate,
         subject="identified parameters",
@@ -116,9 +109,7 @@ def build_identification_page(
         more=(
             *("== What each parameter groups ==", pages.tabulate_groupings(estimate.parameters)),
             "== Residual of the fit ==",
-            fit_text.show_residual(
-                estimate.residual, "What the model leaves unexplained of the logs of the fit."
-            ),
+            fit_text.show_residual(estimate.residual, _LEFT),
             *_show_choice(estimate),
             *(() if diagnosis is None else _show_diagnosis(estimate, diagnosis)),
             *chain.from_iterable(map(_show_errors, validations)),
@@ -204,14 +195,16 @@ def _show_choice(estimate: Estimate) -> Iterator[Block]:
         yield "== Choice of the settings =="
         order = sorted(choice.candidates, key=lambda entry: entry.held_out)
         first = [choice.chosen, *(entry for entry in order if entry is not choice.chosen)]
-        rows = [
-            (
-                *(fit_text.write_number(value, ".3g") for value in (entry.band, entry.instruments)),
-                *(entry.states, f"{entry.held_out:.3g}", f"{entry.fall:.3g}", f"{entry.p:.2g}"),
-                *(f"{entry.consistent:.2g}", "taken" if entry is choice.chosen else ""),
+        rows = []
+        for entry in first[:_CANDIDATES]:
+            bands = (fit_text.write_number(value, ".3g") for value in (entry.band, entry.instruments))
+            sizes = (
+                f"{entry.held_out:.3g}",
+                f"{entry.fall:.3g}",
+                f"{entry.p:.2g}",
+                f"{entry.consistent:.2g}",
             )
-            for entry in first[:_CANDIDATES]
-        ]
+            rows.append((*bands, entry.states, *sizes, "taken" if entry is choice.chosen else ""))
         title = (
             f"The best of {len(first)} settings that were compared, with the one taken: of those that "
             "predict as well as the best (squares left, over those of the best; p of chance) and agree with "
@@ -248,30 +241,24 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
         gone = [(e.name, f"{e.ratio:.2g}", f"{e.price_percent:.2g}") for e in essential.dropped]
         yield Table(header, gone, title="In the order they can be dropped.")
     yield "== Standard deviations by block bootstrap =="
-    yield (
-        f"{bootstrap.blocks} blocks of the logs, resampled {bootstrap.replicates} times: valid for any "
-        "correlation of the residual within a block."
-    )
+    resampled = f"{bootstrap.blocks} blocks of the logs, resampled {bootstrap.replicates} times"
+    yield f"{resampled}: valid for any correlation of the residual within a block."
     stated = {entry.name: entry for entry in estimate.parameters}
     dropped = {entry.name for entry in essential.dropped}
     columns = (bootstrap.deviations, bootstrap.low, bootstrap.high)
-    scatter = [
-        (
-            *(name, stated[name].value, *map(pages.format_digits, (stated[name].std, deviation))),
-            *(f"{low:.4g}", f"{high:.4g}", name not in dropped),
-        )
-        for name, deviation, low, high in zip(bootstrap.names, *columns, strict=True)
-        if name in stated
-    ]
+    scatter = []
+    for name, deviation, low, high in zip(bootstrap.names, *columns, strict=True):
+        if name in stated:
+            stds = map(pages.format_digits, (stated[name].std, deviation))
+            ends = (f"{low:.4g}", f"{high:.4g}")
+            scatter.append((name, stated[name].value, *stds, *ends, name not in dropped))
     titles = ("name", "value", "stated std", "bootstrap std", "from", "to (95 %)", "significant")
     yield Table(titles, scatter, title="Values in SI units.")
     yield from _show_drift(estimate, diagnosis)
     yield "== Structure of the residual =="
     if diagnosis.structure:
-        rows = [
-            (e.joint, e.family, f"{e.share_percent:.3g}", f"{e.rms:.3g}", e.unit, e.advice)
-            for e in diagnosis.structure
-        ]
+        found = ((e, f"{e.share_percent:.3g}", f"{e.rms:.3g}") for e in diagnosis.structure)
+        rows = [(e.joint, e.family, share, rms, e.unit, e.advice) for e, share, rms in found]
         title = "What explains the residual, cross-validated on stretches of time."
         heading = ("joint", "function of", "share of variance/%", "RMS", "unit", "advice")
         yield Table(heading, rows, (0, 1, 4, 5), title)
@@ -294,9 +281,8 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
                 figures.Line("plus deviation", "second", centre, mean + deviation),
                 figures.Line("minus deviation", "third", centre, mean - deviation),
             ]
-            caption = (
-                f"Mean residual of {entry.joint} against {against}, with one standard deviation either side."
-            )
+            caption = f"Mean residual of {entry.joint} against {against}"
+            caption += ", with one standard deviation either side."
             yield figures.build_line_figure(caption, (label, f"residual ({entry.unit})"), lines)
     if diagnosis.prices:
         prices = [(entry.what, entry.of, f"{entry.percent:+.3g} %") for entry in diagnosis.prices]
@@ -339,11 +325,11 @@ def _show_drift(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]:
             f"{len(drift.changed)} of {drift.compared} parameters differ significantly between the logs: the "
             "robot changed, or the model misses a term."
         )
-    rows = []
-    for entry in drift.changed:
-        if len(entry.values) == len(drift.runs):
-            pairs = zip(entry.values, entry.deviations, strict=True)
-            rows.append((entry.name, *(f"{value:.4g} ± {pages.format_digits(std)}" for value, std in pairs)))
+    rows = [
+        (entry.name, *map("{:.4g} ± {}".format, entry.values, map(pages.format_digits, entry.deviations)))
+        for entry in drift.changed
+        if len(entry.values) == len(drift.runs)
+    ]
     if rows:
         header = ("name", *(Path(estimate.sources[run]).name for run in drift.runs))
         yield Table(header, rows, title="Estimates from each log alone, value ± std.")
@@ -379,13 +365,11 @@ def _show_errors(validation: Validation) -> Iterator[Block]:
 def draw_prediction(series: Series, rows: str, caption: str = "") -> Drawing:
     """Return the figure of what was measured and predicted of one joint."""
     quantity, values = _name_quantity(series, rows), (series.measured, series.predicted)
+    named = zip(("measured", "predicted"), values, strict=True)
     return figures.build_line_figure(
         f"{caption} Measured and predicted {quantity} of {series.joint}.".lstrip(),
         ("time (s)", f"{quantity} ({series.unit})"),
-        [
-            figures.Line(name, name, series.time, y)
-            for name, y in zip(("measured", "predicted"), values, strict=True)
-        ],
+        [figures.Line(name, name, series.time, y) for name, y in named],
     )
 
 
@@ -393,17 +377,8 @@ def _name_quantity(series: Series, rows: str) -> str:
     return "force" if QUANTITIES[rows] == "torque" and series.unit == "N" else QUANTITIES[rows]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class FrictionCurve:
-    """A law over velocity: torque (V,) in N m or N at velocity (V,), half width (V,) of its 95 % band."""
-
-    velocity: FloatArray
-    torque: FloatArray
-    half_width: FloatArray
-
-
-def compute_friction_curve(joint: friction.JointFriction) -> FrictionCurve:
-    """Return the law of a joint over the velocities that were measured, dense where it bends."""
+def compute_friction_curve(joint: friction.JointFriction) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return velocity, torque and half width of the 95 % band (V,) of a law, dense where it bends."""
     law = get_law(joint.estimate.law, smoothing=joint.smoothing)
     fastest = float(np.max(np.abs(joint.velocity_map.cloud_velocity), initial=0.0)) or 1.0
     slowest = joint.velocity_map.slowest
@@ -418,35 +393,26 @@ def compute_friction_curve(joint: friction.JointFriction) -> FrictionCurve:
     size = gradient.shape[1]
     covariance = np.array(joint.estimate.covariance)[:size, :size]
     variance = np.einsum("ni,ij,nj->n", gradient, covariance, gradient)
-    return FrictionCurve(
-        velocity=velocity,
-        torque=compute_friction_torque(law, inputs, linear, shape),
-        half_width=friction.CONFIDENCE * np.sqrt(np.maximum(variance, 0.0)),
-    )
+    half_width = friction.CONFIDENCE * np.sqrt(np.maximum(variance, 0.0))
+    return velocity, compute_friction_torque(law, inputs, linear, shape), half_width
 
 
 def build_friction_figure(joint: friction.JointFriction) -> Drawing:
     """Return the figure of one joint: one curve, or one a direction where no row is near standstill."""
-    curve, measured = compute_friction_curve(joint), joint.velocity_map
-    shown = np.concatenate([measured.cloud_torque, curve.torque])
+    (velocity, torque, half), measured = compute_friction_curve(joint), joint.velocity_map
+    shown = np.concatenate([measured.cloud_torque, torque])
     # A band that is wider than all else must not squeeze it.
-    bands = [
-        np.clip(curve.torque + side * curve.half_width, shown.min(), shown.max()) for side in (-1.0, 1.0)
-    ]
-    kinds = (*(("95 % band", "fourth", band) for band in bands), ("law", "predicted", curve.torque))
-    cut = int(np.searchsorted(curve.velocity, 0.0))
-    pieces = [part for part in (slice(0, cut), slice(cut, None)) if len(curve.velocity[part])]
-    if measured.slowest <= _STILL * float(np.max(np.abs(curve.velocity), initial=0.0)):
+    bands = [np.clip(edge, shown.min(), shown.max()) for edge in (torque - half, torque + half)]
+    kinds = (*(("95 % band", "fourth", band) for band in bands), ("law", "predicted", torque))
+    cut = int(np.searchsorted(velocity, 0.0))
+    pieces = [part for part in (slice(0, cut), slice(cut, None)) if len(velocity[part])]
+    if measured.slowest <= _STILL * float(np.max(np.abs(velocity), initial=0.0)):
         pieces = [slice(None)]
-    lines = [
-        figures.Line("measured rows", "cloud", measured.cloud_velocity, measured.cloud_torque, joined=False),
-        *(
-            figures.Line(label, style, curve.velocity[part], values[part])
-            for part in pieces
-            for label, style, values in kinds
-        ),
-        figures.Line("mean of them", "link", measured.velocity, measured.torque, markers=True, joined=False),
-    ]
+    cloud, means = (measured.cloud_velocity, measured.cloud_torque), (measured.velocity, measured.torque)
+    lines = [figures.Line("measured rows", "cloud", *cloud, joined=False)]
+    for part in pieces:
+        lines += [figures.Line(label, style, velocity[part], y[part]) for label, style, y in kinds]
+    lines.append(figures.Line("mean of them", "link", *means, markers=True, joined=False))
     return figures.build_curve_figure(
         f"Does the law follow the friction of {joint.joint}? Rows that were measured, their means over "
         f"intervals of velocity, and the law {joint.estimate.law} with its 95 % confidence band.",
@@ -544,10 +510,6 @@ def _capitalise(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-_MOST_PARAMETERS = 12
-"""Parameters in the figure of the least certain ones."""
-
-
 def judge_fit(estimate: AnyEstimate) -> FitVerdict:
     """Return what a fit is worth, judged by its own logs alone."""
     match estimate:
@@ -610,15 +572,10 @@ def write_fit_page(
 ) -> WrittenPage:
     """Write the page of a fit of any kind.
 
-    Args:
-        path: to write to.
-        estimate: to report.
-        known: the robot as read, and what long work with it needs; None without logs and diagnosis.
-        logs: held out, files or what was read from them.
-        pairs: settings of the call, keys and values.
-        test: parts of these logs, one for all or one for each; empty for all of them.
-        diagnose: whether the logs of the fit are read again.
-        file: of the estimate, for messages.
+    `known` are the robot as read, and what long work with it needs, None without logs and diagnosis; `logs`
+    are held out, files or what was read from them, and `test` parts of them, one for all or one for each;
+    `pairs` are settings of the call, `diagnose` says whether the logs of the fit are read again, and `file`
+    is that of the estimate, for messages.
 
     Raises:
         UsageError: there are settings or parts and no logs, or the kind of fit has no such logs, setting or
@@ -675,14 +632,11 @@ def write_fit_page(
                 moved, _, aligned = elastic.prepare_aligned(library, kept)
                 cut = (notice for entry in kept for notice in entry.notices if notice.code == "log.cut")
                 notices += (*aligned, *(notice for notice in cut if notice not in notices))
-                cutoff = elastic.get_stated_cutoff(described, pairs)
-                trials = tuple(
-                    elastic.evaluate_elastic(estimate, library, entry, cutoff=cutoff) for entry in moved
-                )
+                limit: Any = {"cutoff": elastic.get_stated_cutoff(described, pairs)}
+                trials = tuple(elastic.evaluate_elastic(estimate, library, e, **limit) for e in moved)
             case friction.FrictionIdentification():
-                tried = [
-                    validate_fit(robot, estimate, e, context, pairs=pairs, file=file) for e in recordings
-                ]
+                given: Any = {"pairs": pairs, "file": file}
+                tried = [validate_fit(robot, estimate, entry, context, **given) for entry in recordings]
                 validations = [entry.validation for entry in tried if isinstance(entry, FrictionValidation)]
                 notices = tuple(dict.fromkeys(notice for entry in tried for notice in entry.notices))
     told: Any = {"notices": notices, "origin": origin}

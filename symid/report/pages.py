@@ -35,6 +35,10 @@ TEMPLATE = "page.html.jinja"
 WRITTEN_BY = f"Written by symid {__version__}"
 UNTESTED = "No held-out log was given: the model is untested. Validate it on another motion (--validation)."
 _SIGMA = "within 3\N{GREEK SMALL LETTER SIGMA}"
+_OWN_ANCHORS = ("notices", "settings")
+"""Of sections that every page has."""
+_ONE_DIGIT = 3.0
+_MOST_DECIMALS = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,10 +130,6 @@ def render_page(page: Page) -> str:
     blocks = (page.lead, *page.blocks, *page.more)
     live = any(isinstance(block, Drawing) and block.live for block in blocks)
     return build_environment().get_template(TEMPLATE).render(values, shown=shown, folded=folded, live=live)
-
-
-_OWN_ANCHORS = ("notices", "settings")
-"""Of sections that every page has."""
 
 
 def write_figures(drawings: Sequence[Drawing]) -> str:
@@ -262,10 +262,6 @@ def format_pair(value: float, std: float) -> str:
     text = f"{shown} \N{PLUS-MINUS SIGN} {std / scale:.{decimals}f}"
     text = f"({text})\N{MULTIPLICATION SIGN}10{str(power).translate(SUPERSCRIPT)}" if power else text
     return write_minus(text)
-
-
-_ONE_DIGIT = 3.0
-_MOST_DECIMALS = 6
 
 
 def write_minus(text: str) -> str:

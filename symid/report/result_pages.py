@@ -15,8 +15,7 @@ And a bare element with hysteresis as text, figures and page; and what it predic
     Masing's rule          branches after reversals, moved to one point and turned, are one (Masing 1926)
     first-order reversal   branches that begin at reversals of any size and end at the largest input
 
-Not supported: other results, which have pages of their own; reversal curves of a recording without a swing
-that grows or shrinks.
+Not supported: reversal curves of a recording without a swing that grows or shrinks.
 """
 
 import math
@@ -57,6 +56,22 @@ _CHANCE = 0.01
 _FAR = 3.0
 """Deviations between the nearest body and least squares beyond which something else changed."""
 _MOST_MARKS = 30
+_SKIPPED = "The first {} samples do not count: no memory at the start explains them like the rest."
+_HELD_OUT = "of the output unexplained in held-out parts of the recording"
+_POOR = 0.5
+"""Of its value: a deviation beyond it leaves not even the first digit."""
+_NORMAL = 1.96
+_LABELS = ("input (unit of the file)", "output (unit of the file)")
+_FEW = 3
+_FEWEST_POINTS, _PLACES = 8, 60
+_NEAR_TOP = 0.1
+"""Of the range of the input."""
+_STARTS = {
+    "zero": "at rest at input zero, moved to the first sample",
+    "fresh": "at rest at the first sample",
+    "below": "come to the first sample from below",
+    "above": "come to the first sample from above",
+}
 
 
 def _write_page(
@@ -129,10 +144,8 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
         ]
         title = "What a fit to all these logs would identify."
         blocks = (
-            *(
-                "== Identifiability ==",
-                robot_text.show_identifiable(found, "expected std", pages.format_percent, title),
-            ),
+            "== Identifiability ==",
+            robot_text.show_identifiable(found, "expected std", pages.format_percent, title),
             build_line_figure(
                 "How well are the parameters separated? Singular values of the scaled regressor; "
                 f"the rank is {found.rank} of {len(found.singular)}.",
@@ -254,19 +267,16 @@ def write_stiffness_page(path: Path, found: "StiffnessEstimate", notices: Sequen
     level = "good" if len(told) == len(known) else "usable" if told else "doubtful"
     headline = f"The stiffness of {len(told)} of {len(known)} joints is identified."
     alignment, details = found.alignment, tuple(f"{entry.joint}: {entry.reason}." for entry in found.joints)
+    names = (f"{entry.joint} ({pages.write_unit(entry.unit)})" for entry, *_ in told)
     marks = [
-        Mark(
-            f"{entry.joint} ({pages.write_unit(entry.unit)})", value, f"{value:.4g}: {low:.4g} to {high:.4g}"
-        )
-        for entry, value, (low, high) in told
+        Mark(name, value, f"{value:.4g}: {low:.4g} to {high:.4g}")
+        for name, (_, value, (low, high)) in zip(names, told, strict=True)
     ]
     caption = "How stiff is each joint? Values with 95 % intervals."
+    delay = pages.format_pair(1e3 * alignment.delay, 1e3 * alignment.delay_std)
     numbers = [
         (f"{len(told)} of {len(known)}", "joints with a stiffness"),
-        (
-            f"{pages.format_pair(1e3 * alignment.delay, 1e3 * alignment.delay_std)} ms",
-            "link encoders after motors",
-        ),
+        (f"{delay} ms", "link encoders after motors"),
     ]
     if told:
         widest = max(0.5 * (high - low) / value for _, value, (low, high) in told)
@@ -325,22 +335,19 @@ def write_comparison_page(
         numbers.append((f"{total.value:.4g} / {total.freedom}", "chi-square over its degrees of freedom"))
     figures = []
     for entry in found:
-        values = [value for value in entry.values if math.isfinite(value.deviations)]
-        values.sort(key=lambda value: -abs(value.deviations))
-        if not values:
+        away = [(value.group, abs(value.deviations)) for value in entry.values]
+        marks = [Mark(name, size, chosen=size > _FAR) for name, size in away if math.isfinite(size)]
+        marks.sort(key=lambda mark: -mark.value)
+        if not marks:
             continue
-        beyond = sum(abs(value.deviations) > _FAR for value in values)
-        marks = [
-            Mark(value.group, abs(value.deviations), chosen=abs(value.deviations) > _FAR)
-            for value in values[:_MOST_MARKS]
-        ]
-        rest = f" Shown are the {_MOST_MARKS} farthest." if len(values) > _MOST_MARKS else ""
+        beyond = sum(mark.chosen for mark in marks)
+        rest = f" Shown are the {_MOST_MARKS} farthest." if len(marks) > _MOST_MARKS else ""
         caption = (
-            f"Which values differ? {beyond} of {len(values)} by more than three deviations from "
+            f"Which values differ? {beyond} of {len(marks)} by more than three deviations from "
             f"{entry.other.source.name}, the dashed line.{rest}"
         )
-        label = "difference, in standard deviations"
-        figures.append(build_mark_figure(caption, label, marks, dense=True, limit=_FAR))
+        label, shown = "difference, in standard deviations", marks[:_MOST_MARKS]
+        figures.append(build_mark_figure(caption, label, shown, dense=True, limit=_FAR))
     return _write_page(
         path,
         ours.identified.robot.name,
@@ -352,12 +359,6 @@ def write_comparison_page(
         notices=notices,
         settings=(("ours", str(ours.source)), ("others", ", ".join(str(e.other.source) for e in found))),
     )
-
-
-_SKIPPED = "The first {} samples do not count: no memory at the start explains them like the rest."
-_POOR = 0.5
-"""Of its value: a deviation beyond it leaves not even the first digit."""
-_NORMAL = 1.96
 
 
 def judge_element(record: hysteresis.HysteresisRecord) -> FitVerdict:
@@ -411,27 +412,19 @@ def show_element(record: hysteresis.HysteresisRecord) -> tuple[Block, ...]:
     rows = []
     for entry in (one for one in shown if one.deviation > 0.0 and one.name not in poor):
         low, high = (entry.value + side * _NORMAL * entry.deviation for side in (-1.0, 1.0))
-        digits = (f"{entry.value:.5g}", f"{entry.deviation:.2g}", f"{low:.5g} to {high:.5g}")
-        rows.append((entry.name, *digits))
+        rows.append((entry.name, f"{entry.value:.5g}", f"{entry.deviation:.2g}", f"{low:.5g} to {high:.5g}"))
     fixed = [f"{entry.name} = {entry.value:g}" for entry in shown if not entry.deviation and entry.value]
     lists = (("Poorly identifiable, not shown", poor), ("Fixed", fixed))
     note = "\n".join(f"{head}: {', '.join(names)}." for head, names in lists if names)
     form = f" ({record.form})" if record.form else ""
-    header = ("parameter", "value", "std", "95 % interval")
+    header: tuple[str, ...] = ("parameter", "value", "std", "95 % interval")
     table = Table(header, rows, title=f"{record.model}{form}", note=note)
-    tried = Table(
-        header=("model", "form", "parameters", "passive", "fitted %", "held out %", "+-"),
-        rows=[
-            (
-                *(entry.model, entry.form, entry.count, ("no", "yes")[entry.passive]),
-                *(f"{entry.fitted:.3g}", f"{entry.held_out:.3g}", f"{entry.spread:.2g}"),
-            )
-            for entry in record.candidates
-        ],
-        left=(0, 1, 3),
-        title="Models that were tried",
-        picked=0,
-    )
+    models = []
+    for one in record.candidates:
+        errors = (f"{one.fitted:.3g}", f"{one.held_out:.3g}", f"{one.spread:.2g}")
+        models.append((one.model, one.form, one.count, ("no", "yes")[one.passive], *errors))
+    header = ("model", "form", "parameters", "passive", "fitted %", "held out %", "+-")
+    tried = Table(header, models, (0, 1, 3), "Models that were tried", picked=0)
     reason = hysteresis.describe_inversion(record)
     inverse = f"There is none: {reason}." if reason else "It exists, for every output."
     passive = "no motion gets" if record.passive else "some motions may get"
@@ -441,17 +434,14 @@ def show_element(record: hysteresis.HysteresisRecord) -> tuple[Block, ...]:
     return (table, tried, facts)
 
 
-_LABELS = ("input (unit of the file)", "output (unit of the file)")
-
-
 def draw_element(record: hysteresis.HysteresisRecord) -> tuple[Drawing, ...]:
     """Return the figures of an element: loops, time, residuals, energy of cycles, branches."""
     trace = record.trace
-    curves = (("measured", trace.measured), ("predicted", trace.predicted))
     loops = [
-        Line(name, style, trace.position, y, joined=name == "predicted")
-        for (name, y), style in zip(curves, ("cloud", "predicted"), strict=True)
+        Line("measured", "cloud", trace.position, trace.measured, joined=False),
+        Line("predicted", "predicted", trace.position, trace.predicted),
     ]
+    curves = (("measured", trace.measured), ("predicted", trace.predicted))
     over_time = [Line(name, name, trace.time, y) for name, y in curves]
     error = trace.measured - trace.predicted
     time, worst = "time (s)" if record.timed else "sample", int(np.argmax(np.abs(error)))
@@ -462,6 +452,7 @@ def draw_element(record: hysteresis.HysteresisRecord) -> tuple[Drawing, ...]:
     moved = f"Does it drift? From half to half the mean residual changes by {drift:.2g} % of its rms."
     caption = f"Output against input: does {record.model} follow the loops? It leaves "
     caption += f"{pages.format_percent(record.fitted)} of the output."
+    where = f"Does the model miss at some inputs? Most at {trace.position[worst]:.3g}."
 
     def draw_cloud(caption: str, label: str, x: FloatArray) -> Drawing:
         line = Line("residual", "cloud", x, error, joined=False)
@@ -470,11 +461,7 @@ def draw_element(record: hysteresis.HysteresisRecord) -> tuple[Drawing, ...]:
     drawn = [
         build_curve_figure(caption, _LABELS, loops),
         build_line_figure(f"When does it miss? Most at {time_of_worst}.", (time, _LABELS[1]), over_time),
-        draw_cloud(
-            f"Does the model miss at some inputs? Most at {trace.position[worst]:.3g}.",
-            _LABELS[0],
-            trace.position,
-        ),
+        draw_cloud(where, _LABELS[0], trace.position),
         build_line_figure(moved, (time, "residual"), [Line("residual", "final", trace.time, error)]),
     ]
     if record.timed:
@@ -506,27 +493,19 @@ def _draw_cycles(trace: hysteresis.ElementTrace) -> Iterator[Drawing]:
         return
     width, measured, predicted = cycles.T
     left = float(np.sqrt(np.mean((measured - predicted) ** 2)) / np.sqrt(np.mean(measured**2)))
+    curves = (("measured", "link", measured), ("predicted", "predicted", predicted))
     yield build_curve_figure(
         f"Is the lost energy right? Work of a cycle against its width: {100.0 * left:.2g} % is left, rms.",
         ("width of the cycle (unit of the input)", "work (units of input and output)"),
-        [
-            Line("measured", "link", width, measured, markers=True, joined=False),
-            Line("predicted", "predicted", width, predicted, markers=True, joined=False),
-        ],
+        [Line(name, style, width, y, markers=True, joined=False) for name, style, y in curves],
         height=260.0,
     )
 
 
-_FEW = 3
-
-
 def _draw_branches(trace: hysteresis.ElementTrace) -> Iterator[Drawing]:
     """Yield branches after reversals moved to one point, and first-order reversal curves."""
-    parts = [
-        slice(low, high)
-        for low, high in hysteresis.find_strokes(trace.position)[1:-1]
-        if high - low >= _FEWEST_POINTS
-    ]
+    strokes = hysteresis.find_strokes(trace.position)[1:-1]
+    parts = [slice(low, high) for low, high in strokes if high - low >= _FEWEST_POINTS]
     if len(parts) < _FEW:
         return
     moved = []
@@ -537,12 +516,8 @@ def _draw_branches(trace: hysteresis.ElementTrace) -> Iterator[Drawing]:
         moved.append(Line(name, style, side * (x - x[0]), side * (y - y[0])))
     # The rms of the branches about their mean curve, over the rms of that, where several have points.
     places = np.linspace(0.0, max(float(line.x[-1]) for line in moved), _PLACES)
-    rows = np.array(
-        [
-            np.where(places <= x.max(), np.interp(places, np.maximum.accumulate(x), y), np.nan)
-            for x, y in ((line.x, line.y) for line in moved)
-        ]
-    )
+    courses = (np.interp(places, np.maximum.accumulate(line.x), line.y) for line in moved)
+    rows = np.array([np.where(places <= e.x.max(), y, np.nan) for e, y in zip(moved, courses, strict=True)])
     rows = rows[:, np.sum(np.isfinite(rows), axis=0) >= _FEW]
     mean = np.nanmean(rows, axis=0)
     size = float(np.sqrt(np.mean(mean**2))) if mean.size else 0.0
@@ -570,14 +545,6 @@ def _draw_branches(trace: hysteresis.ElementTrace) -> Iterator[Drawing]:
     )
 
 
-_FEWEST_POINTS = 8
-_NEAR_TOP = 0.1
-"""Of the range of the input."""
-
-
-_PLACES = 60
-
-
 def write_element_page(path: Path, record: hysteresis.HysteresisRecord, *, source: str = "") -> Path:
     """Write the page of an element and return the path; OutputError where it cannot be written."""
     lead, second, *further = draw_element(record)
@@ -591,10 +558,7 @@ def write_element_page(path: Path, record: hysteresis.HysteresisRecord, *, sourc
         judge_element(record),
         (lead,),
         numbers=(
-            (
-                pages.format_percent(record.held_out),
-                "of the output unexplained in held-out parts of the recording",
-            ),
+            (pages.format_percent(record.held_out), _HELD_OUT),
             (pages.format_percent(record.fitted), "in the fit itself"),
             (f"{len(known)} of {len(free)}", "parameters known to half of their value"),
         ),
@@ -612,14 +576,6 @@ def write_element_page(path: Path, record: hysteresis.HysteresisRecord, *, sourc
         conventions="work is what goes in: output times way of the input",
         units="Units are those of the file",
     )
-
-
-_STARTS = {
-    "zero": "at rest at input zero, moved to the first sample",
-    "fresh": "at rest at the first sample",
-    "below": "come to the first sample from below",
-    "above": "come to the first sample from above",
-}
 
 
 def describe_element(record: hysteresis.HysteresisRecord) -> dict[str, object]:

@@ -29,6 +29,10 @@ if TYPE_CHECKING:
 
 
 _WIDTH = 100
+_SHOWN = 12
+"""Singular values on either side of the rank."""
+_VERDICTS = ("identifiable", "poorly identifiable", "not identifiable", "refused")
+_FAR = 3.0
 
 
 def show_base(robot: Robot, base: "BaseParameters") -> tuple[Block, ...]:
@@ -248,35 +252,31 @@ def show_draft(draft: "Draft") -> tuple[Block, ...]:
     if part is None:
         return (head,)
     preset = "" if part.robot.log.preset is None else f" (columns of {part.robot.log.preset})"
-    rows = [
-        (name, ", ".join(entry.columns), ", ".join(part.units[name])) for name, entry in part.read.items()
-    ]
+    read = part.read.items()
+    rows = [(name, ", ".join(entry.columns), ", ".join(part.units[name])) for name, entry in read]
     return (head, Table(("quantity", "columns", "unit"), rows, (0, 1, 2), f"log: {part.file}{preset}"))
 
 
 def describe_draft(draft: "Draft") -> dict[str, object]:
     """Return robot, joints and log as `symid new --json` gives them."""
     joints = [{"name": joint.name, "kind": joint.kind.value} for joint in draft.robot.joints]
-    result: dict[str, object] = {"robot": draft.robot.name, "joints": joints}
     part = draft.log
-    if part is not None:
-        result["log"] = {
-            "file": part.file,
-            "preset": part.robot.log.preset,
-            "columns": {name: list(entry.columns) for name, entry in part.read.items()},
-            "units": {name: ", ".join(part.units[name]) for name in part.read},
-            "unused": list(part.unused),
-        }
-    return {**result, "notices": len(draft.notices)}
+    log = part and {
+        "file": part.file,
+        "preset": part.robot.log.preset,
+        "columns": {name: list(entry.columns) for name, entry in part.read.items()},
+        "units": {name: ", ".join(part.units[name]) for name in part.read},
+        "unused": list(part.unused),
+    }
+    given = {"log": log} if log else {}
+    return {"robot": draft.robot.name, "joints": joints, **given, "notices": len(draft.notices)}
 
 
 def show_export(found: "FileExport") -> tuple[Block, ...]:
     """Return what was written and where, and how bodies were found or which laws joints have."""
     lines = [f"{found.format}: {show_path(found.file)}"]
-    if found.standard is not None:
-        lines.append(found.standard.outcome.value)
-    if found.rewritten:
-        lines.append(f"all else as in {found.rewritten}")
+    lines += [] if found.standard is None else [found.standard.outcome.value]
+    lines += [f"all else as in {found.rewritten}"] if found.rewritten else []
     if found.costs:
         parts = (f"{entry.joint} {entry.percent:.2g} %" for entry in found.costs)
         lines.append(f"torque that these bodies add to the residual: {', '.join(parts)}")
@@ -290,41 +290,27 @@ def show_export(found: "FileExport") -> tuple[Block, ...]:
 def describe_export(found: "FileExport") -> dict[str, object]:
     """Return the export as `symid export --json` gives it."""
     if found.friction is not None:
-        return {
-            "file": str(found.file),
-            "robot": found.robot.name,
-            "written": {
-                joint: {
-                    "law": found.friction.laws[joint],
-                    "model": values.law,
-                    "values": name_values(values),
-                    "shape": name_shape(values),
-                    "smoothing": values.smoothing,
-                }
-                for joint, values in found.friction.values.items()
-            },
-            "kept": dict(found.friction.kept),
+        written = {
+            joint: {
+                "law": found.friction.laws[joint],
+                "model": values.law,
+                "values": name_values(values),
+                "shape": name_shape(values),
+                "smoothing": values.smoothing,
+            }
+            for joint, values in found.friction.values.items()
         }
+        head = {"file": str(found.file), "robot": found.robot.name}
+        return {**head, "written": written, "kept": dict(found.friction.kept)}
     bodies = found.standard and {
         "largest_change": max(map(abs, found.standard.residual.tolist()), default=0.0),
         "blamed": found.standard.blamed,
         "not_identified": found.missing,
         "cost_percent": {entry.joint: entry.percent for entry in found.costs},
     }
-    return {
-        "file": str(found.file),
-        "format": found.format,
-        "robot": found.robot.name,
-        "elastic": any(found.robot.elastic),
-        "outcome": found.outcome,
-        **(bodies or {}),
-        "left_out": found.left_out,
-    }
-
-
-_SHOWN = 12
-"""Singular values on either side of the rank."""
-_VERDICTS = ("identifiable", "poorly identifiable", "not identifiable", "refused")
+    head = {"file": str(found.file), "format": found.format, "robot": found.robot.name}
+    how = {"elastic": any(found.robot.elastic), "outcome": found.outcome}
+    return {**head, **how, **(bodies or {}), "left_out": found.left_out}
 
 
 def summarise_robot(robot: Robot) -> str:
@@ -340,14 +326,10 @@ def show_robot_check(robot: Robot, checked: "LogsCheck") -> tuple[Block, ...]:
     if not checked.logs:
         return (head,)
     header = ("log", "samples", "duration/s", "period/s", "velocity", "second encoder")
-    read = [(log.recording, log.timing) for log in checked.logs]
-    rows: list[Sequence[object]] = [
-        (
-            *(log.source, timing.samples, timing.duration, log.period),
-            *(log.velocity is not None, logs.get_second_encoder_side(log)),
-        )
-        for log, timing in read
-    ]
+    rows = list[Sequence[object]]()
+    for log, timing in ((entry.recording, entry.timing) for entry in checked.logs):
+        channels = (log.velocity is not None, logs.get_second_encoder_side(log))
+        rows.append((log.source, timing.samples, timing.duration, log.period, *channels))
     blocks: list[Block] = [Table(header, rows, (0, 5), head)]
     blocks += [show_joints(log.recording.source, log.joints) for log in checked.logs]
     if checked.copy is not None:
@@ -360,14 +342,12 @@ def show_robot_check(robot: Robot, checked: "LogsCheck") -> tuple[Block, ...]:
         first = max(0, found.rank - _SHOWN // 2)
         shown = [f"{value:.2g}" for value in found.singular[first : first + _SHOWN]]
         shown.insert(found.rank - first, "|")
-        blocks += [
-            (
-                f"Identifiability: {counts}; condition {found.condition:.3g}\n"
-                f"singular values of the scaled matrix about its rank {found.rank} of {len(found.singular)}: "
-                f"{'... ' if first else ''}{' '.join(shown)}"
-            ),
-            show_identifiable(found, "std/%"),
-        ]
+        text = (
+            f"Identifiability: {counts}; condition {found.condition:.3g}\n"
+            f"singular values of the scaled matrix about its rank {found.rank} of {len(found.singular)}: "
+            f"{'... ' if first else ''}{' '.join(shown)}"
+        )
+        blocks += [text, show_identifiable(found, "std/%")]
     return tuple(blocks)
 
 
@@ -381,14 +361,12 @@ def show_identifiable(
 
 def describe_robot_check(robot: Robot, checked: "LogsCheck") -> dict[str, object]:
     """Return what was found as `symid check --json` gives it."""
+    joints = [{"name": e.name, "kind": e.kind.value, "friction": e.friction.law} for e in robot.joints]
     found: dict[str, object] = {
         "robot": robot.name,
         "file": robot.path,
         "convention": robot.convention,
-        "joints": [
-            {"name": joint.name, "kind": joint.kind.value, "friction": joint.friction.law}
-            for joint in robot.joints
-        ],
+        "joints": joints,
         "logs": [describe_log(log.recording, log.timing, log.joints) for log in checked.logs],
     }
     if checked.copy is not None:
@@ -428,24 +406,26 @@ def describe_log(
 def show_joints(source: str, joints: "tuple[JointSummary, ...]") -> Table:
     """Return the table of a log's joints."""
     header = ("joint", "from", "to", "top speed", "unit", "step", "still/%", "rms torque", "peak")
-    rows = [
-        (
-            *(joint.name, joint.low, joint.high, joint.speed, joint.unit, joint.step or None),
-            *(100.0 * joint.standstill, joint.torque, joint.peak, 100.0 * joint.saturated),
+    rows = []
+    for joint in joints:
+        motion = (
+            joint.low,
+            joint.high,
+            joint.speed,
+            joint.unit,
+            joint.step or None,
+            100.0 * joint.standstill,
         )
-        for joint in joints
-    ]
+        rows.append((joint.name, *motion, joint.torque, joint.peak, 100.0 * joint.saturated))
     return Table((*header, "at peak/%"), rows, (0, 4), source)
 
 
 def list_remarks(robot: Robot, found: "OptimisedExcitation", seed: int) -> tuple[str, ...]:
     """Return what stands at the head of a trajectory's file."""
+    sizes = f"{found.condition:.4g}, best of random ones {found.random_condition:.4g}"
     return (
         f"{robot.name}: {found.trajectory.source}, seed {seed}",
-        (
-            f"condition number of the scaled regressor {found.condition:.4g}, best of random ones "
-            f"{found.random_condition:.4g}"
-        ),
+        f"condition number of the scaled regressor {sizes}",
         f"of every limit at least {1.0 - max(margin.share or 0.0 for margin in found.margins):.1%} is left",
     )
 
@@ -462,13 +442,8 @@ def describe_excitation(robot: Robot, found: "OptimisedExcitation", seed: int) -
         "factor": found.factor,
         **describe_record(found),
         "joints": [
-            {
-                "name": joint.name,
-                "centre": row[0],
-                "sines": row[1 : harmonics + 1],
-                "cosines": row[harmonics + 1 :],
-            }
-            for joint, row in zip(robot.axes, found.coefficients.tolist(), strict=True)
+            {"name": joint.name, "centre": centre, "sines": row[:harmonics], "cosines": row[harmonics:]}
+            for joint, (centre, *row) in zip(robot.axes, found.coefficients.tolist(), strict=True)
         ],
         "limits": [
             {
@@ -488,11 +463,8 @@ def describe_gain(factor: float) -> str:
 
 def show_excitation(found: "OptimisedExcitation") -> tuple[Block, ...]:
     """Return the figures of a trajectory, the part of each limit that it uses, and clearances."""
-    shares = {
-        (margin.kind, margin.name): f"{margin.share:.1%}"
-        for margin in found.margins
-        if margin.share is not None
-    }
+    known = [margin for margin in found.margins if margin.share is not None]
+    shares = {(margin.kind, margin.name): f"{margin.share:.1%}" for margin in known}
     kinds, names = (tuple(dict.fromkeys(key[place] for key in shares)) for place in (0, 1))
     rows = [[name, *(shares.get((kind, name)) for kind in kinds)] for name in names]
     head = (
@@ -504,14 +476,9 @@ def show_excitation(found: "OptimisedExcitation") -> tuple[Block, ...]:
         f"{found.random_information:.4g}"
     )
     title = "part of each limit that is used, at most:"
-    blocks: tuple[Block, ...] = (head, Table(("joint", *kinds), rows, title=title))
     places = [[margin.name, margin.value] for margin in found.margins if margin.share is None]
-    if places:
-        blocks += (Table(("place", "least clearance/m"), places),)
-    return blocks
-
-
-_FAR = 3.0
+    clearances = [Table(("place", "least clearance/m"), places)] if places else []
+    return (head, Table(("joint", *kinds), rows, title=title), *clearances)
 
 
 def describe_payload(robot: str, found: "Payload") -> dict[str, object]:
@@ -534,14 +501,10 @@ def show_payload(robot: str, found: "Payload") -> tuple[Block, ...]:
         "in the link frame of the robot file; inertia about the centre of mass"
     )
     rows = [(e.name, e.value, e.std, e.unit) for e in found.quantities if e.value is not None]
-    refused = [entry for entry in found.quantities if entry.value is None]
-    blocks: list[Block] = [head, Table(("quantity", "value", "std", "unit"), rows, (0, 3))]
-    if refused:
-        blocks.append("\n".join(f"refused: {entry.name}: {entry.reason}" for entry in refused))
-    if found.scale > 1.0:
-        text = f"standard deviations are multiplied by {found.scale:.3g}, because chi^2 is too large"
-        blocks.append(text)
-    return tuple(blocks)
+    refused = "\n".join(f"refused: {e.name}: {e.reason}" for e in found.quantities if e.value is None)
+    large = f"standard deviations are multiplied by {found.scale:.3g}, because chi^2 is too large"
+    texts = filter(None, (refused, large * (found.scale > 1.0)))
+    return (head, Table(("quantity", "value", "std", "unit"), rows, (0, 3)), *texts)
 
 
 def _list_changes(changes: Sequence["ParameterChange"]) -> str:
@@ -553,26 +516,23 @@ def _list_changes(changes: Sequence["ParameterChange"]) -> str:
 
 def warn_payload(found: "Payload") -> tuple[Notice, ...]:
     """Return the warnings of a payload."""
-    notices = []
+    texts = {}
     refused = [entry.name for entry in found.quantities if entry.value is None]
     if refused:
-        text = f"not identifiable: {', '.join(refused)}; do not enter guessed values in a controller"
-        notices.append(Notice(code="payload.refused", text=text))
+        names = ", ".join(refused)
+        texts["refused"] = f"not identifiable: {names}; do not enter guessed values in a controller"
     if found.unexplained and found.doubtful:
-        text = (
+        texts["other-changes"] = (
             f"base parameters changed in a way that no payload explains: {_list_changes(found.unexplained)}. "
             "Something else changed between the logs, or friction and filters bias one of them; use the same "
             "motions"
         )
-        notices.append(Notice(code="payload.other-changes", text=text))
     if found.friction:
-        changes = _list_changes(found.friction)
-        text = f"friction changed: {changes}; gear friction grows with load and falls with temperature"
-        notices.append(Notice(code="payload.friction-changed", text=text))
+        changes = f"friction changed: {_list_changes(found.friction)}"
+        texts["friction-changed"] = f"{changes}; gear friction grows with load and falls with temperature"
     if found.moved > _FAR:
-        text = (
+        texts["inconsistent"] = (
             f"the nearest physically consistent body is {found.moved:.2g} standard deviations away from the "
             "change of the base parameters: something else changed between the logs"
         )
-        notices.append(Notice(code="payload.inconsistent", text=text))
-    return tuple(notices)
+    return tuple(Notice(code=f"payload.{code}", text=text) for code, text in texts.items())

@@ -7,9 +7,7 @@ estimators on one data set, and counterparts of their figures 1 to 4 and 6 to 11
 
 Of figures 3 and 4 only the captions are public: in their place stand our own hybrid algorithm as a flow
 chart, and an arm of the same kind as their platform, with the kinematics of a robot file.
-
-Not supported: figure 5, the test of poses, which is part of `symid identify --rows friction` and needs
-recordings.
+Not supported: figure 5, the test of poses, which needs recordings.
 """
 
 import math
@@ -33,11 +31,27 @@ from symid.report.verdict import FitVerdict
 from symid.robot import read_robot
 from symid.study import friction_protocols as paper
 
+_SYNTHETIC = (
+    "The paper's values are next to ours, which come from synthetic data: the paper's recordings are "
+)
+_SYNTHETIC += "not public."
 _WIDTH = 110
 _MARK = "*"
 _UNITS = {"vs": "rad/s", "dq0": "rad/s", "fV": "N m s/rad", "gamma": "1"}
 """Of the parameters of friction laws; the others are torques in N m."""
 _OTHER_LAWS = ("Coulomb + viscous", "original Stribeck")
+_VELOCITY = "velocity (rad/s)"
+_POINTS = 1201
+_STYLES = dict(zip(paper.LAWS, ("fourth", "third", "predicted"), strict=True))
+_LEFT, _RIGHT, _GUTTER, _ACROSS = 190.0, 650.0, 420.0, 860.0
+"""Middles of the columns of the flow chart, a way between them, and its width."""
+_ROWS = tuple(70.0 + 76.0 * row for row in range(6))
+_HALF, _EDGE, _OUTSIDE = 23.0, 150.0, 16.0
+"""Half a box, up and across; a way about the columns."""
+_PLATFORM, _POSE = "kr30.toml", (0.35, 1.75, -0.3, 0.4, 0.75, 0.0)
+"""The arm that is drawn, and its joint angles, rad."""
+_RADII = (0.12, 0.11, 0.1, 0.07, 0.065, 0.055)
+"""Of its joints as drawn, m."""
 
 
 def list_tables(study: paper.FrictionStudy) -> tuple[Table, ...]:
@@ -82,15 +96,11 @@ def _list_methods(study: paper.AgreementStudy, seed: int) -> Table:
 
 
 def _list_agreement(found: Sequence[paper.AgreementStudy]) -> Table:
-    rows = [
-        (
-            *(f"{study.sweep.peak:g} rad/s, {study.sweep.samples}", row.estimator, f"{row.excess:.1e}"),
-            *(f"{row.agreed} of {row.draws}", f"{row.error:.2f}"),
-            f"{row.outside} of {row.draws * len(study.truth)}",
-        )
-        for study in found
-        for row in study.rows
-    ]
+    rows = []
+    for study, row in ((one, row) for one in found for row in one.rows):
+        motion, beyond = f"{study.sweep.peak:g} rad/s, {study.sweep.samples}", row.draws * len(study.truth)
+        agreed = (f"{row.excess:.1e}", f"{row.agreed} of {row.draws}", f"{row.error:.2f}")
+        rows.append((motion, row.estimator, *agreed, f"{row.outside} of {beyond}"))
     header = ("peak, samples", "estimator", "worst excess", "draws within", "farthest", "beyond 3")
     title = f"Agreement of all estimators, {found[0].draws} draws of three motions each"
     note = (
@@ -102,14 +112,11 @@ def _list_agreement(found: Sequence[paper.AgreementStudy]) -> Table:
 
 
 def _list_races(races: Sequence[paper.SearchRace]) -> Table:
-    rows = [
-        (
-            *(race.title, cost.estimator, cost.population, f"{cost.generations:.1f}"),
-            *(f"{cost.evaluations:.0f}", f"{cost.near_generations:.1f}", f"{cost.near_evaluations:.0f}"),
-        )
-        for race in races
-        for cost in race.costs
-    ]
+    rows = []
+    for title, cost in ((race.title, cost) for race in races for cost in race.costs):
+        whole = (f"{cost.generations:.1f}", f"{cost.evaluations:.0f}")
+        near = (f"{cost.near_generations:.1f}", f"{cost.near_evaluations:.0f}")
+        rows.append((title, cost.estimator, cost.population, *whole, *near))
     title = f"Table 2: genetic algorithm and its hybrid with annealing, means of {races[0].draws} draws"
     header = ("motion", "search", "candidates", "generations", "evaluations", "near: gen.", "near: eval.")
     findings = "\n".join(f"{race.title}: {race.finding}." for race in races)
@@ -127,16 +134,12 @@ def _list_races(races: Sequence[paper.SearchRace]) -> Table:
 def _list_recovery(study: paper.Recovery) -> Table:
     """Return a table with a column for each parameter of a joint of the paper, or of the second robot."""
     second = study.joint in {row.name for row in paper.RV_2SQ}
-    lines = [
-        (f"{'published' if second else 'paper'} = truth", "truth", ".5g"),
-        ("ours, mean", "mean", ".5g"),
-        ("ours, deviation", "deviation", ".3g"),
-        ("Cramer-Rao", "bound", ".3g"),
-    ]
-    lines += [("farthest, in Cramer-Rao", "error", ".2f"), ("draws within 3", "inside", "")] if second else []
-    lines += (
-        [] if second else [("deviation / Cramer-Rao", "ratio", ".3f"), ("bias / deviation", "bias", "+.3f")]
-    )
+    lines = [(f"{'published' if second else 'paper'} = truth", "truth", ".5g"), ("ours, mean", "mean", ".5g")]
+    lines += [("ours, deviation", "deviation", ".3g"), ("Cramer-Rao", "bound", ".3g")]
+    if second:
+        lines += [("farthest, in Cramer-Rao", "error", ".2f"), ("draws within 3", "inside", "")]
+    else:
+        lines += [("deviation / Cramer-Rao", "ratio", ".3f"), ("bias / deviation", "bias", "+.3f")]
     rows: list[tuple[str, ...]] = [
         (name, *(format(getattr(entry, field), form) for entry in study.parameters))
         for name, field, form in lines
@@ -189,10 +192,8 @@ def _list_gains(found: Sequence[paper.GainStudy]) -> Table:
     misses = "; ".join(f"joint {study.joint}: {study.stribeck.describe_miss()}" for study in found)
     # The gain by the bias alone, joint by joint.
     place = [entry.name for entry in get_law(paper.TABLE_3[0].law).physical].index("fP")
-    pairs = [
-        (row.values[place] ** 2, other.noise**2)
-        for row, other in zip(paper.TABLE_3, paper.TABLE_4, strict=True)
-    ]
+    both = zip(paper.TABLE_3, paper.TABLE_4, strict=True)
+    pairs = [(row.values[place] ** 2, other.noise**2) for row, other in both]
     floors = ", ".join(f"{100.0 * bias / (bias + noise):.1f}" for bias, noise in pairs)
     note = (
         f"{paper.CALIBRATION} The noise is {', '.join(f'{row.noise:g}' for row in paper.TABLE_4)} N m.\n"
@@ -209,21 +210,20 @@ def _list_gains(found: Sequence[paper.GainStudy]) -> Table:
 
 def _list_contest(contest: paper.EstimatorComparison) -> Table:
     timed = any(math.isfinite(run.seconds) for run in contest.runs)
-    rows = [
-        (
-            *(run.estimator, f"{run.objective:.6f}", f"{run.excess:.1e}"),
-            *(run.evaluations, run.solves, run.iterations),
+    rows = list[Sequence[object]]()
+    for run in (entry for entry in contest.runs if not entry.reason):
+        costs = (
+            run.evaluations,
+            run.solves,
+            run.iterations,
             *([f"{1e3 * run.seconds:.0f}"] if timed else []),
         )
-        for run in contest.runs
-        if not run.reason
-    ]
+        rows.append((run.estimator, f"{run.objective:.6f}", f"{run.excess:.1e}", *costs))
     header = ("estimator", "sum of squares", "excess", "evaluations", "linear problems", "iterations")
     note = ["Excess: over the least sum of squares of all. Every estimator with its defaults."]
     if timed:
-        note.append(
-            f"{_MARK} The least of three runs with the uncertainty of the result; differs from run to run."
-        )
+        least = "The least of three runs with the uncertainty of the result"
+        note.append(f"{_MARK} {least}; differs from run to run.")
     note += [f"{run.estimator} was not run: {run.reason}." for run in contest.runs if run.reason]
     title = f"All estimators on one data set: {contest.title}, {contest.law}, {contest.samples} samples"
     return Table((*header, *([f"ms{_MARK}"] if timed else [])), rows, title=title, note="\n".join(note))
@@ -231,29 +231,21 @@ def _list_contest(contest: paper.EstimatorComparison) -> Table:
 
 def show_friction_tables(study: paper.FrictionStudy) -> tuple[Block, ...]:
     """Return the tables of joint friction, the paper's and ours, and the claims on ours."""
-    checks = [
-        textwrap.fill(
-            f"{write_check_outcome(check):8}  {check.name}: {check.found} (required: {check.bar})",
-            width=_WIDTH,
-            subsequent_indent=" " * 10,
-        )
-        for check in study.checks
-    ]
-    return (*list_tables(study), "\n".join(("claims and results", *checks)))
+    checks = ["claims and results"]
+    for check in study.checks:
+        text = f"{write_check_outcome(check):8}  {check.name}: {check.found} (required: {check.bar})"
+        checks.append(textwrap.fill(text, width=_WIDTH, subsequent_indent=" " * 10))
+    return (*list_tables(study), "\n".join(checks))
 
 
 def show_precision(study: "studies.PrecisionStudy") -> tuple[Block, ...]:
     """Return the errors of every method over the Cramer-Rao bound."""
     header = ("method", "mean", "worst", "of", "95 % held, %", "price at most, %", "least eigenvalue")
-    rows = [
-        (
-            *(entry.method, f"{entry.mean_ratio:.3f}", f"{entry.worst_ratio:.3f}", entry.worst),
-            write_number(entry.coverage_percent, ".1f"),
-            write_number(entry.worst_price_percent, ".2g"),
-            write_number(entry.least_eigenvalue, ".3g"),
-        )
-        for entry in study.methods
-    ]
+    rows = []
+    for entry in study.methods:
+        ratios = (f"{entry.mean_ratio:.3f}", f"{entry.worst_ratio:.3f}", entry.worst)
+        percent = (f"{entry.coverage_percent:.1f}", f"{entry.worst_price_percent:.2g}")
+        rows.append((entry.method, *ratios, *percent, write_number(entry.least_eigenvalue, ".3g")))
     title = (
         f"{study.robot}: {len(study.names)} parameters, five random excitations of {study.samples} "
         f"samples, condition {study.condition:.3g}, {study.seeds} seeds;\n"
@@ -294,7 +286,6 @@ def _show_dataset(entry: "studies.elastic_methods.DatasetStudy") -> Table:
             f"; Cramer-Rao: {entry.bound:.3g} % standard deviation of the least certain parameter, "
             f"{entry.spring_bound:.3g} % where the form of the springs is known"
         )
-
     timed = any(math.isfinite(cell.seconds) for cell in entry.cells)
     rows = []
     for cell in entry.cells:
@@ -319,28 +310,32 @@ def show_foreign(study: "studies.foreign_truths.ForeignStudy") -> tuple[Block, .
 
     sized = any(entry.size != 1.0 for entry in study.truths)
     names = [f"{entry.truth} x {entry.size:g}" if sized else entry.truth for entry in study.truths]
-    chosen = [
-        (
-            *(name, write(cell.worst.median), f"{write(cell.z_rms)} ({write(cell.z_most)})"),
-            *(write(cell.spring.median), _join_counts(cell.verdicts), _join_counts(cell.choices), entry.best),
-            *(write(entry.ratio.median), f"{entry.near} of {entry.seeds}"),
-            f"{entry.near_best} of {entry.seeds}",
-        )
-        for name, entry, cell in zip(names, study.truths, (e.cells[0] for e in study.truths), strict=True)
+    chosen = []
+    for name, entry in zip(names, study.truths, strict=True):
+        cell = entry.cells[0]
+        errors = (write(cell.worst.median), f"{write(cell.z_rms)} ({write(cell.z_most)})")
+        words = (_join_counts(cell.verdicts), _join_counts(cell.choices), entry.best)
+        near = (f"{count} of {entry.seeds}" for count in (entry.near, entry.near_best))
+        chosen.append((name, *errors, write(cell.spring.median), *words, write(entry.ratio.median), *near))
+    header = [
+        "truth",
+        "worst",
+        "z rms (max)",
+        "spring",
+        "verdict",
+        "chosen",
+        "best",
+        "ratio",
+        "near",
+        "near best",
     ]
-    header = ["truth", "worst", "z rms (max)", "spring", "verdict", "chosen", "best", "ratio", "near"]
-    header.append("near best")
-    tables = [
-        Table(
-            ["truth", *(cell.method for cell in study.truths[0].cells)],
-            [
-                [name, *(write((cell.worst, cell.spring)[place].median) for cell in entry.cells)]
-                for name, entry in zip(names, study.truths, strict=True)
-            ],
-            title=title,
-        )
-        for place, title in enumerate(("worst parameter, percent", "spring torque, percent"))
-    ]
+    methods, tables = [cell.method for cell in study.truths[0].cells], []
+    for place, title in enumerate(("worst parameter, percent", "spring torque, percent")):
+        rows = [
+            [name, *(write((cell.worst, cell.spring)[place].median) for cell in entry.cells)]
+            for name, entry in zip(names, study.truths, strict=True)
+        ]
+        tables.append(Table(["truth", *methods], rows, title=title))
     note = (
         "worst: parameter error in percent of the largest of its kind; z: errors over stated deviations; "
         "spring: its torque on the held-out motion in percent; best: method of the least median error; "
@@ -355,16 +350,11 @@ def show_tracking(study: "studies.elastic_methods.TrackingStudy") -> tuple[Block
     """Return the tracking errors with every model, and which differences are significant."""
     heading = ["case", *(f"{name} rms/mrad" for name in study.joints)]
     rows = [[case, *(f"{1e3 * spread.median:.4g}" for spread in spreads)] for case, spreads in study.rms]
-    differences = [
-        (
-            f"{entry.first} less {entry.second}",
-            entry.joint,
-            f"{1e3 * entry.difference.mean:.4g}",
-            f"{1e3 * entry.difference.low:.4g} .. {1e3 * entry.difference.high:.4g}",
-            entry.difference.verdict,
-        )
-        for entry in study.comparisons
-    ]
+    differences = []
+    for entry in study.comparisons:
+        mean, low, high = (f"{1e3 * getattr(entry.difference, name):.4g}" for name in ("mean", "low", "high"))
+        named = (f"{entry.first} less {entry.second}", entry.joint)
+        differences.append((*named, mean, f"{low} .. {high}", entry.difference.verdict))
     return (
         f"{study.robot}: tracking of the held-out motion, medians over {study.seeds} seeds",
         Table(heading, rows),
@@ -384,16 +374,9 @@ def show_many_joints(result: "studies.elastic_methods.ManyJointsResult") -> Tabl
         f"{result.robot}, {result.condition.value}: {result.parameters} parameters; "
         "what is left of the torque of a held-out motion, in percent"
     )
-    conditions = (
-        f"condition of the column-scaled rows: elimination {result.condition_elimination:.3g}, "
-        f"energy {result.condition_energy:.3g}"
-    )
+    sizes = f"elimination {result.condition_elimination:.3g}, energy {result.condition_energy:.3g}"
+    conditions = f"condition of the column-scaled rows: {sizes}"
     return Table(["method", *result.joints], rows, title=title, note=conditions)
-
-
-_VELOCITY = "velocity (rad/s)"
-_POINTS = 1201
-_STYLES = dict(zip(paper.LAWS, ("fourth", "third", "predicted"), strict=True))
 
 
 def build_friction_study_page(study: paper.FrictionStudy) -> Page:
@@ -417,12 +400,13 @@ def build_friction_study_page(study: paper.FrictionStudy) -> Page:
             for k in range(len(paper.TABLE_3))
         ),
     )
-    drawn = [
-        block for name, figure in counterparts for block in (f"=== Counterpart of Figure {name} ===", figure)
-    ]
+    titled = ((f"=== Counterpart of Figure {name} ===", figure) for name, figure in counterparts)
+    drawn = [block for pair in titled for block in pair]
     rows = [(check.name, check.bar, check.found, write_check_outcome(check)) for check in study.checks]
     title = "Claims and results. Reported: no requirement, or too few draws to judge."
     checks = Table(("claim", "required", "result", "outcome"), rows, (0, 1, 2, 3), title)
+    names = ("Table 1", "Table 3", "Table 4", "the second robot")
+    draws = [part[0].draws for part in (study.agreement, study.recovery, study.gains, study.second)]
     reported = [check for check in study.checks if check.met is None]
     missed = [check for check in study.checks if check.met is not None and not check.met]
     judged = len(study.checks) - len(reported)
@@ -448,11 +432,8 @@ def build_friction_study_page(study: paper.FrictionStudy) -> Page:
             "Identify friction laws from logs of your own",
         ),
         blocks=(
-            (
-                "The paper's values are next to ours, which come from synthetic data: the paper's recordings "
-                "are not public."
-            ),
-            "Table 4: " + paper.CALIBRATION,
+            _SYNTHETIC,
+            f"Table 4: {paper.CALIBRATION}",
             "== Claims ==",
             checks,
             "== Tables ==",
@@ -461,10 +442,7 @@ def build_friction_study_page(study: paper.FrictionStudy) -> Page:
         more=("== Counterparts of the paper's figures ==", *drawn),
         settings=(
             ("seeds", f"{seed} to {last}"),
-            ("draws of Table 1", str(study.agreement[0].draws)),
-            ("draws of Table 3", str(study.recovery[0].draws)),
-            ("draws of Table 4", str(study.gains[0].draws)),
-            ("draws of the second robot", str(study.second[0].draws)),
+            *((f"draws of {name}", str(count)) for name, count in zip(names, draws, strict=True)),
             ("default estimator", "varpro"),
         ),
     )
@@ -522,13 +500,6 @@ def _draw_stribeck() -> Drawing:
     return _draw(caption, lines)
 
 
-_LEFT, _RIGHT, _GUTTER, _ACROSS = 190.0, 650.0, 420.0, 860.0
-"""Middles of the columns of the flow chart, a way between them, and its width."""
-_ROWS = tuple(70.0 + 76.0 * row for row in range(6))
-_HALF, _EDGE, _OUTSIDE = 23.0, 150.0, 16.0
-"""Half a box, up and across; a way about the columns."""
-
-
 def _draw_hybrid() -> Drawing:
     """Return our hybrid algorithm as a flow chart, with its default options."""
     options = friction.FrictionOptions()
@@ -556,12 +527,9 @@ def _draw_hybrid() -> Drawing:
         ("end", "the best candidate"),
     )
     boxes = [
-        figures.Box((_LEFT, y), tuple(text), "first", kind)
-        for y, (kind, *text) in zip(_ROWS, plain, strict=False)
-    ]
-    boxes += [
-        figures.Box((_RIGHT, y), tuple(text), "second" if y < _ROWS[4] else "first", kind)
-        for y, (kind, *text) in zip(_ROWS, annealing, strict=True)
+        figures.Box((x, y), tuple(text), "second" if x == _RIGHT and y < _ROWS[4] else "first", kind)
+        for x, column in ((_LEFT, plain), (_RIGHT, annealing))
+        for y, (kind, *text) in zip(_ROWS, column, strict=False)
     ]
     titles = (
         ((_LEFT, 26.0), "genetic algorithm"),
@@ -595,12 +563,6 @@ def _draw_hybrid() -> Drawing:
     return figures.build_flow_chart(caption, boxes, arrows, titles, _ROWS[5] + 40.0, width=_ACROSS)
 
 
-_PLATFORM, _POSE = "kr30.toml", (0.35, 1.75, -0.3, 0.4, 0.75, 0.0)
-"""The arm that is drawn, and its joint angles, rad."""
-_RADII = (0.12, 0.11, 0.1, 0.07, 0.065, 0.055)
-"""Of its joints as drawn, m."""
-
-
 def _draw_platform() -> Drawing:
     """Return an arm of the kind that the paper identified, joint by joint along its frames."""
     robot = read_robot(locate_resource_folder("robots") / _PLATFORM)
@@ -631,12 +593,8 @@ def _build_band(found: friction.FrictionEstimate, velocity: FloatArray) -> figur
     uncertainty = np.einsum("ni,ij,nj->n", design, np.array(found.covariance), design)
     torque = compute_friction_torque(law, inputs, found.linear, found.shape)
     half = 2.0 * np.sqrt(found.sigma**2 + uncertainty)
-    return figures.Line(
-        label="band of two deviations",
-        style="area",
-        x=np.concatenate([velocity, velocity[::-1]]),
-        y=np.concatenate([torque + half, (torque - half)[::-1]]),
-    )
+    outline = np.concatenate([torque + half, (torque - half)[::-1]])
+    return figures.Line("band of two deviations", "area", np.concatenate([velocity, velocity[::-1]]), outline)
 
 
 def _draw_one_fit(samples: friction.FrictionSamples, study: paper.FrictionStudy) -> Drawing:
@@ -657,13 +615,8 @@ def _draw_one_fit(samples: friction.FrictionSamples, study: paper.FrictionStudy)
 def _draw_convergence(contest: paper.EstimatorComparison) -> Drawing:
     least = min(run.objective for run in contest.runs if not run.reason)
     names = {"genetic": ("genetic algorithm", "first"), "annealing": ("hybrid with annealing", "second")}
-    lines = [
-        figures.Line(
-            *names[run.estimator], np.arange(float(len(run.history))), np.array(run.history) / least - 1.0
-        )
-        for run in contest.runs
-        if run.estimator in names
-    ]
+    runs = [(names[run.estimator], np.array(run.history)) for run in contest.runs if run.estimator in names]
+    lines = [figures.Line(*name, np.arange(float(len(y))), y / least - 1.0) for name, y in runs]
     caption = (
         f"{contest.title}: objective of the best candidate, relative to the optimum of variable projection. "
         "A generation of the hybrid costs two evaluations a candidate."
@@ -677,10 +630,8 @@ def _fit_laws(
 ) -> tuple[list[figures.Line], list[friction.FrictionEstimate]]:
     """Return the curves of all laws over `x` (V,), at velocities (V,) in rad/s, and their fits."""
     fits = [friction.fit_friction(samples, get_law(name)) for name in paper.LAWS]
-    curves = [
-        compute_friction_torque(get_law(fit.law), {"velocity": velocity}, fit.linear, fit.shape)
-        for fit in fits
-    ]
+    inputs = {"velocity": velocity}
+    curves = (compute_friction_torque(get_law(fit.law), inputs, fit.linear, fit.shape) for fit in fits)
     lines = [figures.Line(name, _STYLES[name], x, y) for name, y in zip(paper.LAWS, curves, strict=True)]
     return lines, fits
 

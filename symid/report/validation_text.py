@@ -19,6 +19,17 @@ if TYPE_CHECKING:
     from symid.identification import Compared, EstimateSide, TriedReading
     from symid.identification.rigid import Diagnosis
 
+_UNITS = ("rad", "m")
+"""Of the positions of joints that turn, and that slide."""
+_SAME_FIT = 0.05
+"""Standard deviations of a parameter below which a refit is the same."""
+_WIDTH = 44
+"""Letters of a group on one line of a table."""
+_TINY = 1e-12
+_TOO_SURE = 0.999
+_LIMITS = ((2.0, 0.9545), (3.0, 0.9973))
+"""Numbers of deviations, and the share of normal errors within them."""
+
 
 def show_trial(found: AnyValidation) -> tuple[Block, ...]:
     """Return a headline, and tables of residuals."""
@@ -52,10 +63,8 @@ def show_trial(found: AnyValidation) -> tuple[Block, ...]:
                 for e in found.validation.residual
             ]
             table = Table(("joint", "law", "relative/%", "RMS", "unit", "rows"), rows, (0, 1, 4))
-    headline = (
-        f"{found.robot.name}{kind} on {found.validation.source}{within}: mean relative residual "
-        f"{found.mean_relative_percent:.4f} %"
-    )
+    mean = f"mean relative residual {found.mean_relative_percent:.4f} %"
+    headline = f"{found.robot.name}{kind} on {found.validation.source}{within}: {mean}"
     return (f"{headline}{more}", table, *fit_text.show_motion(motion))
 
 
@@ -94,34 +103,23 @@ def draw_trial(found: AnyValidation) -> tuple[Drawing, ...]:
 
 def _show_elastic_trial(found: ElasticValidation) -> tuple[Block, ...]:
     trial, tracking = found.trial, found.tracking
-    head = (
-        f"{found.robot.name} on {trial.source}: mean relative residual {trial.mean_relative_percent:.4f} %, "
-        "by motors and links together"
-    )
+    mean = f"mean relative residual {trial.mean_relative_percent:.4f} %, by motors and links together"
+    head = f"{found.robot.name} on {trial.source}: {mean}"
     if trial.means[1:]:
         head += f"; with the springs {max(trial.means[1:]):.4f} %"
     blocks: list[Block] = [head]
     for caption, entries in trial.residuals:
         blocks += [caption, fit_text.show_residual(entries)]
-    lacking = [joint.joint for joint in trial.joints if joint.final is None]
+    lacking = ", ".join(joint.joint for joint in trial.joints if joint.final is None)
     if lacking:
-        blocks.append(
-            f"The estimate has no spring of {', '.join(lacking)}: its spring torque cannot be predicted, and "
-            "the gate does not test it."
-        )
+        cannot = "its spring torque cannot be predicted, and the gate does not test it"
+        blocks.append(f"The estimate has no spring of {lacking}: {cannot}.")
     if tracking is None:
         return tuple(blocks)
-    rows = [
-        [
-            joint.name,
-            run.name,
-            1e3 * float(run.rms[k]),
-            1e3 * float(run.peak[k]),
-            f"m{_UNITS[joint.prismatic]}",
-        ]
-        for k, joint in enumerate(found.robot.axes)
-        for run in tracking.runs
-    ]
+    rows = list[Sequence[object]]()
+    for k, joint in enumerate(found.robot.axes):
+        sizes = ((run.name, 1e3 * float(run.rms[k]), 1e3 * float(run.peak[k])) for run in tracking.runs)
+        rows += [(joint.name, *size, f"m{_UNITS[joint.prismatic]}") for size in sizes]
     text = (
         f"Tracking of {tracking.trajectory.source}: closed loop of the robot file's values, which the "
         "feed-forward does not use. The rigid feed-forward has dynamics and friction of Case 1."
@@ -207,18 +205,6 @@ def show_diagnosis(diagnosis: "Diagnosis") -> tuple[Block, ...]:
     return ("\n".join(lines), *([Table(header, rows, (0, 1, 4))] if rows else []))
 
 
-_UNITS = ("rad", "m")
-"""Of the positions of joints that turn, and that slide."""
-_SAME_FIT = 0.05
-"""Standard deviations of a parameter below which a refit is the same."""
-_WIDTH = 44
-"""Letters of a group on one line of a table."""
-_TINY = 1e-12
-_TOO_SURE = 0.999
-_LIMITS = ((2.0, 0.9545), (3.0, 0.9973))
-"""Numbers of deviations, and the share of normal errors within them."""
-
-
 def show_comparison(ours: "EstimateSide", others: Sequence["Compared"]) -> tuple[Block, ...]:
     """Return for each other the table, counts, chi-square, the largest differences; others stand apart."""
     first, *rest = (_show_compared(ours, found) for found in others)
@@ -229,22 +215,19 @@ def _show_compared(ours: "EstimateSide", found: "Compared") -> tuple[Block, ...]
     other, comparison = found.other, found.comparison
     columns = "" if other.columns is None else f", column {other.columns.value!r}"
     read = any(entry.read_as for entry in found.groups)
-    rows = [
-        (
-            *(value.group, value.theirs, value.theirs_std, value.ours, value.ours_std),
-            *(_format_deviations(value.deviations, "+", 2), *([value.read_as] if read else [])),
-        )
-        for value in found.values
-    ]
+    rows = list[Sequence[object]]()
+    for value in found.values:
+        away = (_format_deviations(value.deviations, "+", 2), *([value.read_as] if read else []))
+        rows.append((value.group, value.theirs, value.theirs_std, value.ours, value.ours_std, *away))
     header = ["group", "other", "std", "ours", "std", "in std", *(["read as"] if read else [])]
     lines = ["largest differences"]
     for place in comparison.list_farthest():
-        away = float(comparison.deviations[place])
+        distance = float(comparison.deviations[place])
         mine, theirs = float(comparison.ours.values[place]), float(comparison.theirs.values[place])
         share = f" ({100.0 * (mine - theirs) / abs(theirs):+.3g} %)" if theirs else ""
         lines.append(
-            f"  {found.groups[place].text}: ours {mine:.4g} is {_format_deviations(abs(away))} "
-            f"deviations {'above' if away > 0 else 'below'} the other's {theirs:.4g}{share}"
+            f"  {found.groups[place].text}: ours {mine:.4g} is {_format_deviations(abs(distance))} "
+            f"deviations {'above' if distance > 0 else 'below'} the other's {theirs:.4g}{share}"
         )
     with_these = " with these" if found.absent or found.neither else ""
     span = f"the groups of the other{with_these} span all base parameters, exactly"
@@ -300,11 +283,8 @@ def _summarise_agreement(found: "Compared") -> str:
 
 def describe_comparison(ours: "EstimateSide", others: Sequence["Compared"]) -> dict[str, object]:
     """Return the comparison as `symid compare --json` gives it, but for the gate."""
-    return {
-        "robot": ours.identified.robot.name,
-        "estimate": show_path(ours.source),
-        "others": [_describe_compared(found) for found in others],
-    }
+    head = {"robot": ours.identified.robot.name, "estimate": show_path(ours.source)}
+    return {**head, "others": [_describe_compared(found) for found in others]}
 
 
 def _describe_compared(found: "Compared") -> dict[str, object]:
@@ -391,10 +371,7 @@ def _warn_compared(found: "Compared") -> Iterator[Notice]:
         if undecided:
             text += f". The same rule has more terms, on which the values do not decide: {undecided}"
         yield Notice(code="compare.coupled-reading", text=text, file=file)
-    for reading, tried in found.readings:
-        if not reading.coupling:
-            text = (
-                f"{describe(reading, tried)}. Only the numbers support this, it may be chance; "
-                f"to compare so: {write_option(reading)}"
-            )
-            yield Notice(code="compare.other-reading", text=text, file=file)
+    for reading, tried in (entry for entry in found.readings if not entry[0].coupling):
+        chance = "Only the numbers support this, it may be chance"
+        text = f"{describe(reading, tried)}. {chance}; to compare so: {write_option(reading)}"
+        yield Notice(code="compare.other-reading", text=text, file=file)

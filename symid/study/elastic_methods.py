@@ -14,10 +14,9 @@ Robot, seeds -> `TrackingStudy`: how links follow TC in closed loop with feed-fo
     Case 2  from the same logs, by the procedures that identify dynamics and hysteresis apart
     rigid   dynamics of Case 1, springs left out
 
-Robot, library, seed -> `ManyJointsResult`, of any number of joints: the torque that elimination and momentum
-rows leave unexplained. Two random motions within the robot's limits are identified together, a third
-is held out. Energy rows separate the parameters of many joints badly: their condition number stands beside
-those of the other rows.
+Robot, library, seed -> `ManyJointsResult`, of any number of joints: the torque of a third random motion that
+elimination and momentum rows of two others leave unexplained. Energy rows separate the parameters of many
+joints badly: their condition number stands beside those of the other rows.
 
 Not supported: noise in the control loop; robots with other than two joints, or whose file lacks the truth.
 """
@@ -52,23 +51,6 @@ from symid.study.monte_carlo import (
 )
 
 _JOINTS = 2
-
-
-class SensorCondition(Enum):
-    """How good the sensors are."""
-
-    CLEAN = "clean"
-    NOISY = "noisy"
-
-    def build_options(self) -> simulation.ExperimentOptions:
-        """Return the options of a simulation with such sensors."""
-        return (
-            simulation.build_clean_options()
-            if self is SensorCondition.CLEAN
-            else simulation.build_noisy_options()
-        )
-
-
 TRAINING = "10 x TA + TB"
 DATASETS = {"TA": ("TA",), "10 x TA": ("TA10",), "TB": ("TB1", "TB2"), TRAINING: ("TA10", "TB1", "TB2")}
 """Runs that are identified together."""
@@ -80,6 +62,28 @@ _TRAJECTORIES: Mapping[str, Callable[[], excitation.Trajectory]] = {
     "TC": excitation.build_tc,
 }
 """TA excites both joints for 20 s, TB1 and TB2 one of them for 50 s; TC, 20 s, is held out."""
+AUTOMATIC = "automatic"
+_ENCODER = "independent, link encoder"
+_RIVALS = ("independent", _ENCODER)
+STUDY_METHODS = ("linear-spring", "two-step", "elimination", "weighted", "nlp", *_RIVALS)
+_METHODS = {
+    "Case 1: identified together": AUTOMATIC,
+    "Case 2: identified apart, motor side": "independent",
+    "Case 2 with link encoder": _ENCODER,
+}
+CASES = (*_METHODS, elastic.RIGID)
+
+
+class SensorCondition(Enum):
+    """How good the sensors are."""
+
+    CLEAN = "clean"
+    NOISY = "noisy"
+
+    def build_options(self) -> simulation.ExperimentOptions:
+        """Return the options of a simulation with such sensors."""
+        is_clean = self is SensorCondition.CLEAN
+        return simulation.build_clean_options() if is_clean else simulation.build_noisy_options()
 
 
 def simulate_runs(
@@ -146,8 +150,7 @@ def compute_hysteresis_errors(fit: elastic.MethodFit, phi: FloatArray, torque: F
     if not fit.elasticity:
         return np.full(phi.shape[1], np.nan)
     left = np.linalg.norm(_compute_torques(fit.elasticity, phi) - torque, axis=0)
-    errors: FloatArray = 100.0 * left / np.linalg.norm(torque, axis=0)
-    return errors
+    return np.asarray(100.0 * left / np.linalg.norm(torque, axis=0))
 
 
 def _compute_torques(springs: Sequence[Elasticity], phi: FloatArray) -> FloatArray:
@@ -156,22 +159,13 @@ def _compute_torques(springs: Sequence[Elasticity], phi: FloatArray) -> FloatArr
     )
 
 
-AUTOMATIC = "automatic"
-_ENCODER = "independent, link encoder"
-_RIVALS = ("independent", _ENCODER)
-STUDY_METHODS = ("linear-spring", "two-step", "elimination", "weighted", "nlp", *_RIVALS)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MethodRun:
-    """Errors of one method on one dataset with the noise of one seed.
+    """Errors of one method on one dataset with the noise of one seed, percent; nan where there is none.
 
-    Args:
-        method: its name; `chosen` the method that the automatic choice took.
-        parameter_error, hysteresis_error, excited_error: percent, the last two of the worse joint, on the
-            held-out torsion and on the same scaled into what the logs excited: a spring cannot be known
-            beyond that; nan where there is none.
-        outcome: how it ended; iterations: how many it took; seconds: of processor time.
+    `hysteresis_error` and `excited_error` are those of the worse joint, on the held-out torsion and on the
+    same scaled into what the logs excited: a spring cannot be known beyond that. `seconds` are of processor
+    time, `chosen` is the method that the automatic choice took.
     """
 
     method: str
@@ -202,10 +196,7 @@ def prepare_elastic_scene(robot: Robot, condition: SensorCondition, backend: str
 
 
 def fit_all_methods(
-    library: Library,
-    recordings: tuple[Recording, ...],
-    options: elastic.ElasticOptions,
-    methods: Sequence[str],
+    library: Library, recordings: tuple[Recording, ...], methods: Sequence[str]
 ) -> tuple[dict[str, elastic.MethodFit], dict[str, float]]:
     """Return the fits of all `methods` to the same recordings, and their seconds of processor time.
 
@@ -213,16 +204,15 @@ def fit_all_methods(
     are no rivals, if one could be made.
     """
     begin = time.process_time()
-    work = elastic.build_elastic_equations(library, recordings, options)
+    work = elastic.build_elastic_equations(library, recordings, elastic.ElasticOptions())
     shared = time.process_time() - begin
     fits, seconds = dict[str, elastic.MethodFit](), dict[str, float]()
     for method in methods:
         begin = time.process_time()
-        fits[method] = (
-            elastic.fit_independent(work.problem, encoder=True)
-            if method == _ENCODER
-            else elastic.fit_method(work, method)
-        )
+        if method == _ENCODER:
+            fits[method] = elastic.fit_independent(work.problem, encoder=True)
+        else:
+            fits[method] = elastic.fit_method(work, method)
         seconds[method] = shared + time.process_time() - begin
     begin = time.process_time()
     usable = [fit for name, fit in fits.items() if name not in _RIVALS and fit.outcome.usable]
@@ -243,7 +233,7 @@ def run_study_task(
     robot, backend, methods, runs, condition, seed = task
     scene = prepare_elastic_scene(robot, condition, backend)
     recordings = observe_runs(scene.runs, runs, condition, seed)
-    fits, seconds = fit_all_methods(scene.library, recordings, elastic.ElasticOptions(), methods)
+    fits, seconds = fit_all_methods(scene.library, recordings, methods)
     held_out = scene.runs["TC"]
     reach = np.max([np.abs(scene.runs[name].phi).max(axis=0) for name in runs], axis=0)
     excited = held_out.phi * np.minimum(1.0, reach / np.abs(held_out.phi).max(axis=0))
@@ -321,11 +311,10 @@ def study_elastic(
     timed: bool = False,
     progress: Callable[[int, int], None] | None = None,
 ) -> ElasticStudy:
-    """Return the errors of all methods, clean (one run) and noisy (one run a seed).
+    """Return the errors of all methods, clean (one run) and noisy (one run a seed of the noise).
 
-    `seeds` are those of the noise, `methods` some of `STUDY_METHODS`; `timed`: whether the time of each
-    method is measured, which differs from run to run. `backend` as of `prepare_library`, `jobs` and
-    `progress` as of `run_tasks`. A UsageError: the robot has not two joints, or its file states no truth.
+    `methods` are some of `STUDY_METHODS`; `timed`: whether their time is measured; `jobs` and `progress` as
+    of `run_tasks`. A UsageError: the robot has not two joints, or its file states no truth.
     """
     kinds = ((SensorCondition.CLEAN, seeds[:1]), (SensorCondition.NOISY, seeds))
     groups = [(name, condition, numbers) for condition, numbers in kinds for name in datasets]
@@ -340,18 +329,11 @@ def study_elastic(
     studies = []
     for name, condition, numbers in groups:
         noisy = condition is SensorCondition.NOISY
-        bound, spring_bound = _compute_bounds(scene, datasets[name]) if noisy else (math.nan, math.nan)
+        bounds = _compute_bounds(scene, datasets[name]) if noisy else (math.nan, math.nan)
+        of = dict(zip(("bound", "spring_bound"), bounds, strict=True))
         cells = _summarise([next(results) for _ in numbers], timed=timed)
-        studies.append(
-            DatasetStudy(
-                dataset=name,
-                condition=condition,
-                seeds=len(numbers),
-                bound=bound,
-                spring_bound=spring_bound,
-                cells=cells,
-            )
-        )
+        study = DatasetStudy(dataset=name, condition=condition, seeds=len(numbers), cells=cells, **of)
+        studies.append(study)
     return ElasticStudy(robot=scene.library.card.robot, studies=tuple(studies))
 
 
@@ -388,14 +370,6 @@ def _compute_bounds(scene: ElasticScene, runs: Sequence[str]) -> tuple[float, fl
     return 100.0 * float(np.max(without)), 100.0 * float(np.max(springs))
 
 
-_METHODS = {
-    "Case 1: identified together": AUTOMATIC,
-    "Case 2: identified apart, motor side": "independent",
-    "Case 2 with link encoder": _ENCODER,
-}
-CASES = (*_METHODS, elastic.RIGID)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TrackingDifference:
     """RMS of `first` less RMS of `second` at one joint, over the seeds, in the unit of its position."""
@@ -425,7 +399,7 @@ def _run_seed(task: tuple[Robot, str, int]) -> dict[str, tuple[float, ...]]:
     robot, backend, seed = task
     scene = prepare_elastic_scene(robot, SensorCondition.NOISY, backend)
     recordings = observe_runs(scene.runs, DATASETS[TRAINING], SensorCondition.NOISY, seed)
-    fits, _ = fit_all_methods(scene.library, recordings, elastic.ElasticOptions(), STUDY_METHODS)
+    fits, _ = fit_all_methods(scene.library, recordings, STUDY_METHODS)
     models = {case: fits[method] for case, method in _METHODS.items()}
     runs = elastic.simulate_tracking(
         robot, scene.library, models, excitation.build_tc(), simulation.build_noisy_options()
@@ -441,16 +415,11 @@ def study_tracking(
     jobs: int | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> TrackingStudy:
-    """Return the tracking errors of all cases.
-
-    `seeds` are those of the noise of the logs that models are identified from; `backend` as of
-    `prepare_library`, `jobs` and `progress` as of `run_tasks`. A UsageError: the robot has not two joints, or
-    its file states no truth.
-    """
+    """Return the tracking errors of all cases; arguments and errors are those of `study_elastic`."""
     prepare_elastic_scene(robot, SensorCondition.NOISY, backend)
     results = run_tasks(_run_seed, [(robot, backend, seed) for seed in seeds], jobs=jobs, progress=progress)
     rms = {case: np.array([result[case] for result in results]) for case in CASES}
-    joints = tuple(joint.name for joint in robot.axes)
+    joints, (first, *others) = tuple(joint.name for joint in robot.axes), CASES
     return TrackingStudy(
         robot=robot.name,
         joints=joints,
@@ -458,13 +427,10 @@ def study_tracking(
         rms=tuple((case, tuple(compute_spread(column) for column in rms[case].T)) for case in CASES),
         comparisons=tuple(
             TrackingDifference(
-                joint=name,
-                first=CASES[0],
-                second=other,
-                difference=compute_paired_difference(rms[CASES[0]][:, index], rms[other][:, index]),
+                joint=name, first=first, second=other, difference=compute_paired_difference(*pair)
             )
-            for other in CASES[1:]
-            for index, name in enumerate(joints)
+            for other in others
+            for name, *pair in zip(joints, rms[first].T, rms[other].T, strict=True)
         ),
     )
 
@@ -501,10 +467,9 @@ class ManyJointsResult:
 def study_many_joints(
     robot: Robot, library: Library, condition: SensorCondition, seed: int, *, duration: float = 20.0
 ) -> ManyJointsResult:
-    """Return what elimination and momentum rows leave of a held-out motion.
+    """Return what elimination and momentum rows leave of a held-out motion; `duration` of each in s.
 
-    `library` has the functions of the robot; `seed` is that of motions and noise, `duration` that of each
-    motion in s. A UsageError: the robot file lacks values, or joints are not all elastic.
+    A UsageError: the robot file lacks values, or joints are not all elastic.
     """
     truth = get_true_parameters(library.card)
     rng, motion = np.random.default_rng(seed), excitation.FourierOptions(duration=duration)

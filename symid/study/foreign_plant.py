@@ -35,9 +35,12 @@ ENCODER_STEP = 2.0 * math.pi / 2**20
 _TEETH = 100.0
 _BANDWIDTH = 2.0 * math.pi * 12.0
 _NEWTON = 3
+_LOGGED = ("q", "dq", "theta", "dtheta", "command", "joint_torque")
 # The derivatives of 1, cos, sin, cos 2, sin 2: entry (i, j) is what term j gives to term i.
 _SLOPE = np.zeros((5, 5))
 _SLOPE[[2, 1, 4, 3], [1, 2, 3, 4]] = -1.0, 1.0, -2.0, 2.0
+_LOADING, _UNLOADING = 0.75, 0.25
+"""beta and gamma of Bouc-Wen: dz = dx (1 - z^2 (beta sign(z dx) + gamma + bias sign z)) / width."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -229,10 +232,6 @@ class _Spring(NamedTuple):
     torque: FloatArray
     stored: FloatArray
     loss: FloatArray
-
-
-_LOADING, _UNLOADING = 0.75, 0.25
-"""beta and gamma of Bouc-Wen: dz = dx (1 - z^2 (beta sign(z dx) + gamma + bias sign z)) / width."""
 
 
 def _advance_spring(plant: "_Plant", before: _Spring, phi: FloatArray) -> _Spring:
@@ -457,22 +456,14 @@ def simulate_plant_runs(
     runs = []
     for number, motion in enumerate(motions):
         ticks = len(motion.time)
-        q, dq, theta, dtheta, command, torque = log[:, :ticks, number]
-        work, loss, stored = energy[:, :ticks, number]
+        q, dq, theta, dtheta, *_ = log[:, :ticks, number]
         mass, _, potential = _compute_links(plant.links, q, dq)
         moving = (dq[:, None, :] @ mass @ dq[:, :, None])[:, 0, 0]
         run = HiddenRun(
             time=motion.time,
-            q=q,
-            dq=dq,
-            theta=theta,
-            dtheta=dtheta,
-            command=command,
+            **dict(zip(_LOGGED, log[:, :ticks, number], strict=True)),
+            **dict(zip(("work", "loss", "stored"), energy[:, :ticks, number], strict=True)),
             torsion=theta + p.kinematic[number] * np.sin(_TEETH * theta) - q,
-            joint_torque=torque,
-            work=work,
-            loss=loss,
-            stored=stored,
             kinetic=0.5 * (moving + (arm.rotor * dtheta**2).sum(axis=1)),
             potential=potential,
         )

@@ -17,9 +17,9 @@ Not supported: robots other than the two arms of this file; a score of friction,
 import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -70,6 +70,16 @@ ARMS = {
     ),
 }
 """A planar arm, and one whose axes cross; both hang along gravity at q = 0."""
+_TOGETHER = ("asymmetric-bouc-wen", "viscoelastic", "lugre", "ripple", "delays", "eccentricity")
+_TIMES = {"TA": 20.0, "TB": 50.0, "TC": 20.0}
+_SINES = 2.0 * math.pi * np.array([[1.0, 0.5, 0.2], [0.2, 1.0, 0.5], [0.5, 0.2, 1.0]])
+_PHASES = math.pi * np.array([[0.0, 1 / 6, 1 / 4], [0.0, 1 / 5, 1 / 2], [0.0, 1 / 3, 1 / 7]])
+_NUDGE = 1e-3
+_WAITING = 0.5
+"""rad, of joints that TB does not move."""
+AUTOMATIC = "automatic"
+FOREIGN_METHODS = tuple(method for method in METHODS if method != AUTOMATIC)
+_NEAR = 1.2
 
 
 def write_arm(arm: Arm, *, truth: bool = False) -> Robot:
@@ -132,11 +142,8 @@ def _build_lugre(arm: Arm, size: float) -> dict[str, FloatArray]:
     }
 
 
-_TOGETHER = ("asymmetric-bouc-wen", "viscoelastic", "lugre", "ripple", "delays", "eccentricity")
 TRUTHS: Mapping[str, Callable[[Arm, float], dict[str, FloatArray]]] = {
-    "family": lambda arm, size: {
-        name: value for name, value in _build_family(arm, 0.4 * size).items() if name in {"linear", "stops"}
-    },
+    "family": lambda arm, size: {name: _build_family(arm, 0.4 * size)[name] for name in ("linear", "stops")},
     "bouc-wen": _build_bouc_wen,
     "asymmetric-bouc-wen": lambda arm, size: _build_bouc_wen(arm, size, 0.2),
     "backlash": lambda arm, size: {"gap": np.full(arm.size, 2e-4 * size)},
@@ -174,14 +181,6 @@ TRUTHS: Mapping[str, Callable[[Arm, float], dict[str, FloatArray]]] = {
 def build_truth(arm: Arm, truth: str, size: float = 1.0) -> HiddenJoints:
     """Return the hidden models of a truth; `size` multiplies what is foreign in it."""
     return HiddenJoints(**(_build_family(arm) | TRUTHS[truth](arm, size)))
-
-
-_TIMES = {"TA": 20.0, "TB": 50.0, "TC": 20.0}
-_SINES = 2.0 * math.pi * np.array([[1.0, 0.5, 0.2], [0.2, 1.0, 0.5], [0.5, 0.2, 1.0]])
-_PHASES = math.pi * np.array([[0.0, 1 / 6, 1 / 4], [0.0, 1 / 5, 1 / 2], [0.0, 1 / 3, 1 / 7]])
-_NUDGE = 1e-3
-_WAITING = 0.5
-"""rad."""
 
 
 def build_motions(size: int, share: float = 1.0) -> tuple[ForeignMotion, ...]:
@@ -235,11 +234,10 @@ def observe_plant(
 
 
 class Judged(Protocol):
-    """A verdict."""
+    """A verdict, whose `level` is "good", "usable", "doubtful" or "wrong"."""
 
     @property
-    def level(self) -> str:
-        """Return "good", "usable", "doubtful" or "wrong"."""
+    def level(self) -> str: ...  # noqa: D102
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -275,10 +273,6 @@ def list_true_values(card: ModelCard) -> dict[str, tuple[float, float]]:
         name: (value, max(abs(values[other]) for other in values if kinds[other] == kinds[name]))
         for name, value in values.items()
     }
-
-
-AUTOMATIC = "automatic"
-FOREIGN_METHODS = tuple(method for method in METHODS if method != AUTOMATIC)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -329,10 +323,8 @@ def _run_task(task: _Task) -> tuple[ForeignRun, ...]:
         observe_plant(run, scene.hidden, np.random.default_rng([seed, number]), source=f"{truth}, {name}")
         for number, (name, run) in enumerate(zip(scene.names[:-1], scene.runs[:-1], strict=True))
     ]
-
-    nan = math.nan
-    lost = ForeignRun(method="", worst=nan, spring=nan, z_rms=nan, z_most=nan, verdict="refused")
-    runs = {name: replace(lost, method=name) for name in (AUTOMATIC, *methods)}
+    lost: dict[str, Any] = dict.fromkeys(("worst", "spring", "z_rms", "z_most"), math.nan)
+    runs = {name: ForeignRun(method=name, verdict="refused", **lost) for name in (AUTOMATIC, *methods)}
     with suppress(SymidError):
         identify = prepare_elastic_methods(scene.robot, logs, IdentifyOptions(), context)
         for method in runs:
@@ -370,13 +362,10 @@ class ForeignCell:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ForeignTruth:
-    """All methods on one truth, the automatic choice first.
+    """All methods on one truth, the automatic choice first; `best` is the method of the least median.
 
-    Args:
-        best: the method of the least median.
-        ratio: worst parameter of the choice over the least one of all methods in the same run.
-        near: runs in which it is 1.2 at most.
-        near_best: runs in which the choice is at most 1.2 times as far off as `best`.
+    `ratio` is the worst parameter of the choice over the least one of all methods in the same run; `near`
+    counts runs in which it is 1.2 at most, `near_best` those in which the choice is as near to `best`.
     """
 
     truth: str
@@ -397,9 +386,6 @@ class ForeignStudy:
     truths: tuple[ForeignTruth, ...]
 
 
-_NEAR = 1.2
-
-
 def _summarise(truth: str, size: float, results: Sequence[tuple[ForeignRun, ...]]) -> ForeignTruth:
     cells = tuple(
         ForeignCell(
@@ -413,13 +399,11 @@ def _summarise(truth: str, size: float, results: Sequence[tuple[ForeignRun, ...]
         )
         for runs in zip(*results, strict=True)
     )
-    least = np.array(
-        [min((run.worst for run in runs[1:] if run.worst == run.worst), default=math.nan) for runs in results]
-    )
-    chosen = np.array([runs[0].worst for runs in results])
-    ratios = chosen / least
+    errors = np.array([[run.worst for run in runs] for runs in results])
+    chosen = errors[:, 0]
+    ratios = chosen / np.fmin.reduce(errors[:, 1:], axis=1)
     place = min(range(1, len(cells)), key=lambda number: cells[number].worst.median)
-    best = np.array([runs[place].worst for runs in results])
+    best = errors[:, place]
     return ForeignTruth(
         truth=truth,
         size=size,
@@ -446,9 +430,9 @@ def study_foreign(
 ) -> ForeignStudy:
     """Return the errors of all methods, and of the automatic choice, on truths that are not those of symid.
 
-    `seeds` are those of the sensors, the motion is the same for all; `judge`, a function of a module, gives
-    the verdict on an estimate; `sizes` multiply what is foreign, `share` is that of the full length of the
-    logs; `jobs` and `progress` as of `run_tasks`.
+    `seeds` are those of the sensors; `judge`, a function of a module, gives the verdict on an estimate;
+    `sizes` multiply what is foreign, `share` is that of the full length of the logs; `jobs` and `progress` as
+    of `run_tasks`.
 
     Raises:
         UsageError: an unknown arm, truth or method, or a size or share out of range.

@@ -43,17 +43,21 @@ _WINDOW = 0.05
 _POINTS = 12
 _HEAVY = 4.0
 """Mass of the first link in kg where the robot file states none."""
+_BATCH = 20
+"""Seeds of a task."""
+_NORMAL_95 = 1.959963984540054
+CUTOFFS = (10.0, 15.0, 20.0, 30.0, 50.0, 75.0, 100.0, 150.0, 200.0, 300.0)
+BAND = 10.0
+"""Of the comparison of cut-offs, in Hz."""
+_HIGHEST_CUTOFF = 0.45
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class PrecisionScene:
-    """Equations without noise.
+    """Equations without noise: rows by kind, "torque" and "momentum", of all excitations.
 
-    Args:
-        rows: by kind, "torque" and "momentum", of all excitations.
-        truth: (p,) parameters; bodies: behind them.
-        deviations: (n,) of the torque's noise; bound: (p,) Cramer-Rao deviations from all samples.
-        samples: of one excitation.
+    `truth` are (p,) parameters, `bodies` behind them, `deviations` (n,) those of the torque's noise, `bound`
+    (p,) Cramer-Rao deviations from all samples; `samples` counts those of one excitation.
     """
 
     rows: dict[str, regression.Rows]
@@ -70,9 +74,8 @@ def _load_scene(robot: Robot, backend: str) -> PrecisionScene:
     library, bodies = prepare_library(robot, backend=backend), build_bodies(robot)
     stated = [entry.value for entry in (*library.card.beta, *library.card.friction)]
     known = [value for value in stated if value is not None]
-    if len(known) == len(stated):
-        truth = np.array(known)
-    else:
+    truth = np.array(known)
+    if len(known) < len(stated):
         # Else the parameters of clouds of points about bodies of any mass.
         rng, clouds = np.random.default_rng(0), []
         for index, body in enumerate(build_pseudo_inertias(bodies.stated)):
@@ -113,11 +116,6 @@ def _load_scene(robot: Robot, backend: str) -> PrecisionScene:
         bound=np.linalg.norm(np.linalg.inv(triangle), axis=1),
         samples=len(time),
     )
-
-
-_BATCH = 20
-"""Seeds of a task."""
-_NORMAL_95 = 1.959963984540054
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -181,9 +179,8 @@ def study_precision(
     found = run_tasks(_fit_seed, tasks, jobs=jobs, batch=_BATCH, progress=progress)
     scene = _load_scene(robot, backend)
     rows = scene.rows["torque"]
-    spectrum = regression.compute_spectrum(
-        regression.condense_rows(rows).factors[:, :, :-1].reshape(-1, len(rows.names))
-    ).singular
+    design = regression.condense_rows(rows).factors[:, :, :-1].reshape(-1, len(rows.names))
+    spectrum = regression.compute_spectrum(design).singular
     methods = []
     for name in found[0]:
         draws = [draw[name] for draw in found]
@@ -265,13 +262,7 @@ def _condense_with_noise(scene: PrecisionScene, kind: str, noise: FloatArray) ->
     return regression.Condensed(factors=factors, counts=plain.counts, independent=plain.independent)
 
 
-CUTOFFS = (10.0, 15.0, 20.0, 30.0, 50.0, 75.0, 100.0, 150.0, 200.0, 300.0)
-BAND = 10.0
-"""Of the comparison, in Hz."""
-_HIGHEST_CUTOFF = 0.45
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class CutoffLine:
     """One cut-off in Hz: held-out residuals in percent; None where nothing could be fitted."""
 
@@ -304,7 +295,7 @@ def study_cutoff(
     """Return how well fits with every one of `cutoffs` (Hz) predict the rest of the log.
 
     The states of the rest pass the log's own filter throughout, so that only the fit differs. `processing` is
-    that of the robot file, its cut-off replaced; `progress` is called with how many are done, of how many.
+    that of the robot file, its cut-off replaced; `progress` as of `run_tasks`.
     """
     settled = regression.choose_filters(processing, [recording]).processing
     if settled.filter_cutoff is None:
@@ -325,18 +316,12 @@ def study_cutoff(
         prediction = predict_torques(fit.assemble(names), library, recording, rest, band=BAND)
         return compute_band_residual(prediction).mean_relative_percent
 
-    lines = []
+    lines, last = list[CutoffLine](), max(settled.drop_last, count - middle)
     for value in usable:
-        last = max(settled.drop_last, count - middle)
         filtered = replace(settled, filter_cutoff=value, drop_last=last)
         plain = replace(filtered, decimation=Decimation())
-        line = CutoffLine(
-            cutoff=value,
-            decimated=predict(filtered, "torque"),
-            plain=predict(plain, "torque"),
-            momentum=predict(plain, "momentum"),
-        )
-        lines.append(line)
+        kinds = ((filtered, "torque"), (plain, "torque"), (plain, "momentum"))
+        lines.append(CutoffLine(value, *(predict(*kind) for kind in kinds)))
         if progress is not None:
             progress(len(lines), len(usable))
     return CutoffStudy(
