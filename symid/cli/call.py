@@ -99,10 +99,10 @@ def make_answer(
     )
 
 
-def answer_saved(result: Any, output: Path | None, what: str) -> Answer:  # noqa: ANN401  all that can save
-    """Return the answer for a result of the API, which is saved if an `output` is given."""
-    lines = [] if output is None else [f"{what}: {show_path(result.save(output))}"]
-    return make_answer(result, *lines, file=output)
+def answer_saved(result: Any, output: Path | None, what: str, *lines: str, **added: Any) -> Answer:  # noqa: ANN401
+    """Return the answer for a result of the API, which is saved if an `output` is given, as `make_answer`."""
+    saved = [] if output is None else [f"{what}: {show_path(result.save(output))}"]
+    return make_answer(result, *lines, *saved, file=output, **added)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -235,15 +235,17 @@ def answer_call(arguments: Sequence[str]) -> int:
 
 
 def _answer(arguments: Sequence[str]) -> int:
-    # Options are read here as well, because a call that cannot be parsed must be answered in kind.
+    # Flags are read here, because a call that cannot be parsed must be answered in kind.
     flags = frozenset(_take_flags(arguments))
-    as_json, verbose = "--json" in flags, bool(flags & {"-v", "--verbose"})
+    as_json, quiet = "--json" in flags, bool(flags & {"-q", "--quiet"})
+    verbose = bool(flags & {"-v", "--verbose"})
+    console = Console(quiet=quiet, verbose=verbose and not (quiet or as_json))
     try:
-        answer = symid.main(args=list(arguments), prog_name="symid", standalone_mode=False)
+        answer = symid.main(args=list(arguments), prog_name="symid", standalone_mode=False, obj=console)
         if not isinstance(answer, Answer):
             # --help and --version print for themselves and return their exit code.
             return int(answer or 0)
-        print_answer(answer, as_json=as_json, quiet=bool(flags & {"-q", "--quiet"}), verbose=verbose)
+        print_answer(answer, as_json=as_json, quiet=quiet, verbose=verbose)
         sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):
         print_errors([Notice(code="symid.interrupted", text="interrupted")], as_json=as_json)

@@ -4,7 +4,6 @@ import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -81,7 +80,7 @@ def new_command(
     units: tuple[str, ...],
     friction: str | None,
     force: bool,
-    **options: Any,  # noqa: ANN401  as the record says
+    **options: cli.Given,
 ) -> Answer:
     """Write a commented robot file, to be completed by hand.
 

@@ -54,7 +54,7 @@ def identify_command(
     output: Path | None,
     page: Path | None,
     force: bool,
-    **further: Any,  # noqa: ANN401  as the records say
+    **further: cli.Given,
 ) -> Answer:
     """Identify base parameters and friction from logs; for elastic joints also springs.
 
@@ -174,7 +174,7 @@ def payload_command(
     output: Path | None,
     page: Path | None,
     force: bool,
-    **options: Any,  # noqa: ANN401  typed in `RobotModel.payload`
+    **options: cli.Given,
 ) -> Answer:
     """Identify mass, centre of mass and inertia of a payload: in LOADED, but not in EMPTY.
 
@@ -190,11 +190,8 @@ def payload_command(
     if controller is None:
         return cli.add_page(answer_saved(found, output, "payload"), found, page)
     command = found.for_controller(controller, frame)
-    lines = [] if output is None else [f"payload: {show_path(found.save(output))}"]
-    answer = make_answer(
-        found, command.text, *lines, notices=command.notices, file=output, controller=asdict(command)
-    )
-    return cli.add_page(answer, found, page)
+    added = {"notices": command.notices, "controller": asdict(command)}
+    return cli.add_page(answer_saved(found, output, "payload", command.text, **added), found, page)
 
 
 @cli.verb("hysteresis")
@@ -290,7 +287,7 @@ def fleet_command(
     table: Path | None,
     page: Path | None,
     force: bool,
-    **options: Any,  # noqa: ANN401  as the record says
+    **options: cli.Given,
 ) -> Answer:
     """Identify many robots or nights, and find the robots that changed.
 

@@ -10,10 +10,10 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import click
-from click import shell_completion
+from click.shell_completion import CompletionItem
 
 import symid
 from symid.api import BACKENDS
@@ -25,15 +25,15 @@ from symid.options import FOUND, TEXT, Kind, Options, inner, list_flags, list_op
 if TYPE_CHECKING:
     from symid import RobotModel
 
-P = ParamSpec("P")
-R = TypeVar("R")
-Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+Given: TypeAlias = Any
+"""What click takes and gives, and options of a record: whoever declares them says their types."""
+Decorator = Callable[[Callable[..., Given]], Callable[..., Given]]
 
 
 class _GroupedOption(click.Option):
     """An option with a heading in the help."""
 
-    def __init__(self, *arguments: Any, group: str = "", **settings: Any) -> None:  # noqa: ANN401  click's own
+    def __init__(self, *arguments: Given, group: str = "", **settings: Given) -> None:
         super().__init__(*arguments, **settings)
         self.group = group
 
@@ -45,12 +45,7 @@ class Group:
     heading: str
 
     def option(
-        self,
-        names: str,
-        meaning: str,
-        kind: Any = None,  # noqa: ANN401  click's own
-        metavar: str | None = None,
-        **settings: Any,  # noqa: ANN401  click's own
+        self, names: str, meaning: str, kind: Given = None, metavar: str | None = None, **settings: Given
     ) -> Decorator:
         """Return an option of click, which shows its default.
 
@@ -74,12 +69,13 @@ INPUT, PROCESSING, MODEL, METHOD, OUTPUT = _GROUPS = tuple(
 class Verb(click.Command):
     """A command with grouped options, a summary that is never shortened, and the common flags.
 
-    Its function gets the flags as one `console`.
+    Its function gets the flags as one `console`, ROBOT and how it is read as one `robot`, and --settings and
+    --set as one `settings`; --accept and --open are for its answer.
     """
 
     flags = OUTPUT
 
-    def __init__(self, *arguments: Any, **settings: Any) -> None:  # noqa: ANN401  click's own
+    def __init__(self, *arguments: Given, **settings: Given) -> None:
         super().__init__(*arguments, **settings)
         for names, text in (
             (("--json", "as_json"), "Print one JSON object on stdout."),
@@ -88,12 +84,27 @@ class Verb(click.Command):
         ):
             self.params.append(_GroupedOption(names, is_flag=True, help=text, group=self.flags.heading))
 
-    def invoke(self, ctx: click.Context) -> Any:  # noqa: ANN401  click's own
-        """Call the function with its console."""
-        as_json, quiet, verbose = (ctx.params.pop(name) for name in ("as_json", "quiet", "verbose"))
-        # `answer_call` prints the answer, and reads --json and -q itself: it must print errors too.
-        ctx.params["console"] = Console(quiet=quiet, verbose=verbose and not (quiet or as_json))
-        return super().invoke(ctx)
+    def invoke(self, ctx: click.Context) -> Given:
+        """Call the function with what the options stand for."""
+        # The common flags are read by `answer_call`, which prints answers and errors, and made the console.
+        given = ctx.params
+        for flag in ("as_json", "quiet", "verbose"):
+            del given[flag]
+        given["console"] = ctx.obj
+        if "robot" in given:
+            given["robot"] = _name_robot(given.pop("robot"), given)
+        if "pairs" in given:
+            named = given.pop("named_settings")
+            expected = "KEY=VALUE, such as processing.filter_cutoff=50"
+            single = split_pairs("--set", given.pop("pairs"), expected, "usage.bad-setting")
+            given["settings"] = ({} if named is None else {"settings": named}) | single
+        accepted, opened = given.pop("accepted", False), given.pop("opened", False)
+        answer = super().invoke(ctx)
+        if opened:
+            import webbrowser
+
+            webbrowser.open(Path(str(answer.result["file"])).resolve().as_uri())
+        return answer.accept() if accepted else answer
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options by group; those without a group come last."""
@@ -137,10 +148,7 @@ WHOLE, COUNT = click.IntRange(min=0), click.IntRange(min=1)
 FILE = click.Path(path_type=Path)
 
 
-_TYPES = {"file": FILE, "percent": click.FLOAT}
-
-
-def _choose_type(kind: Kind) -> Any:  # noqa: ANN401  click's own
+def _choose_type(kind: Kind) -> Given:
     """Return the type of click for the values of an option."""
     match kind.name:
         case "number":
@@ -150,8 +158,9 @@ def _choose_type(kind: Kind) -> Any:  # noqa: ANN401  click's own
             return click.IntRange(min=int(kind.least), max=int(kind.most) if kind.most < math.inf else None)
         case "words":
             return click.Choice((*kind.words, *kind.beside))
-    existing = click.Path(path_type=Path, exists=True, dir_okay=False)
-    return existing if kind is FOUND else _TYPES.get(kind.name)
+    if kind is FOUND:
+        return click.Path(path_type=Path, exists=True, dir_okay=False)
+    return {"file": FILE, "percent": click.FLOAT}.get(kind.name)
 
 
 def record_options(record: type[Options], *names: str, beside: type[Options] | None = None) -> Decorator:
@@ -217,16 +226,7 @@ def split_numbers(flag: str, text: str, joints: int) -> tuple[float, ...]:
 
 def add_options(*options: Decorator) -> Decorator:
     """Return a decorator that adds several options in order."""
-
-    def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        for entry in reversed(options):
-            function = entry(function)
-        return function
-
-    return decorate
-
-
-_Item = shell_completion.CompletionItem
+    return lambda function: functools.reduce(lambda made, entry: entry(made), reversed(options), function)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -319,17 +319,6 @@ friction_option = MODEL.option(
 )
 
 
-def _gather_settings(function: Callable[..., R]) -> Callable[..., R]:
-    @functools.wraps(function)
-    def call(*, named_settings: str | None, pairs: tuple[str, ...], **options: object) -> R:
-        named = {} if named_settings is None else {"settings": named_settings}
-        expected = "KEY=VALUE, such as processing.filter_cutoff=50"
-        single = split_pairs("--set", pairs, expected, "usage.bad-setting")
-        return function(settings=named | single, **options)
-
-    return call
-
-
 settings_options = add_options(
     PROCESSING.option(
         "--settings named_settings",
@@ -342,53 +331,15 @@ settings_options = add_options(
         multiple=True,
         metavar="KEY=VALUE",
     ),
-    _gather_settings,
 )
-"""The options --settings and --set, as one `settings` with keys and values."""
-
-
-def _accept_verdict(function: Callable[..., Answer]) -> Callable[..., Answer]:
-    @functools.wraps(function)
-    def call(*, accept: bool, **options: object) -> Answer:
-        answer = function(**options)
-        return answer.accept() if accept else answer
-
-    return call
-
-
-accept_option = add_options(
-    OUTPUT.option(
-        "--accept", "Go on although the verdict is wrong: exit code 0, and a warning.", is_flag=True
-    ),
-    _accept_verdict,
+accept_option = OUTPUT.option(
+    "--accept accepted", "Go on although the verdict is wrong: exit code 0, and a warning.", is_flag=True
 )
 page_option = OUTPUT.option("--page", "Write verdict, figures and tables as one HTML page.", FILE, "PAGE")
+open_option = OUTPUT.option("--open opened", "Open the written page in the browser.", is_flag=True)
 
 
-_open_option = OUTPUT.option("--open opened", "Open the written page in the browser.", is_flag=True)
-
-
-def open_option(function: Callable[..., Answer]) -> Callable[..., Answer]:
-    """Return the function with --open, which shows the file of its answer once it is written."""
-
-    @functools.wraps(function)
-    def call(*, opened: bool, **options: object) -> Answer:
-        answer = function(**options)
-        if opened:
-            import webbrowser
-
-            webbrowser.open(Path(str(answer.result["file"])).resolve().as_uri())
-        return answer
-
-    return _open_option(call)
-
-
-def add_page(
-    answer: Answer,
-    result: Any,  # noqa: ANN401  all that can report
-    page: Path | None,
-    **options: object,
-) -> Answer:
+def add_page(answer: Answer, result: Given, page: Path | None, **options: object) -> Answer:
     """Return the answer with the line of a page, which is written, with `options`, if one is asked for."""
     if page is None:
         return answer
@@ -408,8 +359,7 @@ def robot_argument(*, computes: bool = False) -> Decorator:
         computes: the verb runs the robot's functions, and has --backend.
     """
     taken = record_options(NamedRobot, *(("backend", *_CUTS) if computes else _CUTS))
-    argument = click.argument("robot", shell_complete=_complete_robot)
-    return lambda function: argument(taken(_name_robot(function)))
+    return add_options(click.argument("robot", shell_complete=_complete_robot), taken)
 
 
 def robot_option(meaning: str, default: str | None = None) -> Decorator:
@@ -422,32 +372,27 @@ def robot_option(meaning: str, default: str | None = None) -> Decorator:
     shown = default is not None
     settings = {"show_default": shown, "shell_complete": _complete_robot}
     named = INPUT.option("--robot", meaning, metavar="ROBOT", default=default, **settings)
-    return add_options(named, record_options(NamedRobot, "backend", *_CUTS), _name_robot)
+    return add_options(named, record_options(NamedRobot, "backend", *_CUTS))
 
 
-def _complete_robot(_: click.Context, __: click.Parameter, incomplete: str) -> list[_Item]:
+def _complete_robot(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
     """Return the robots whose names begin so, and that files fit too."""
     names = [name for name in symid.list_robots() if name.startswith(incomplete)]
-    return [_Item(incomplete, type="file"), *map(_Item, names)]
+    return [CompletionItem(incomplete, type="file"), *map(CompletionItem, names)]
 
 
-def _name_robot(function: Callable[..., R]) -> Callable[..., R]:
-    @functools.wraps(function)
-    def call(*, robot: str | None, **options: Any) -> R:  # noqa: ANN401  of all options
-        read = take_record(NamedRobot, options)
-        known, plain = list_options(NamedRobot), NamedRobot()
-        given = [
-            entry.name_flag(name)
-            for name, entry in known.items()
-            if getattr(read, name) != getattr(plain, name)
-        ]
-        if robot is None and given:
-            leave = f"leave {'them' if given[1:] else 'it'} out"
-            text = f"{', '.join(given)} cannot be used without --robot; name the robot, or {leave}"
-            raise UsageError(Notice(code="usage.no-robot", text=text))
-        return function(robot=robot and replace(read, source=robot), **options)
-
-    return call
+def _name_robot(robot: str | None, options: dict[str, Any]) -> NamedRobot | None:
+    """Return ROBOT with its options, which are taken out of `options`; they are refused without it."""
+    read, plain = take_record(NamedRobot, options), NamedRobot()
+    if robot is not None:
+        return replace(read, source=robot)
+    known = list_options(NamedRobot).items()
+    given = [flag.name_flag(name) for name, flag in known if getattr(read, name) != getattr(plain, name)]
+    if given:
+        leave = f"leave {'them' if given[1:] else 'it'} out"
+        text = f"{', '.join(given)} cannot be used without --robot; name the robot, or {leave}"
+        raise UsageError(Notice(code="usage.no-robot", text=text))
+    return None
 
 
 def output_option(

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -124,7 +123,7 @@ def compare_command(
     read_as: tuple[str, ...],
     page: Path | None,
     force: bool,
-    **options: Any,  # noqa: ANN401  of tables and the gate, typed in `compare_fit`
+    **options: cli.Given,
 ) -> Answer:
     """Compare the values in ESTIMATE with those of every OTHER.
 
@@ -225,7 +224,7 @@ def export_command(
     output: Path | None,
     in_place: bool,
     force: bool,
-    **values: Any,  # noqa: ANN401  as the record says
+    **values: cli.Given,
 ) -> Answer:
     """Write ROBOT with the values in ESTIMATE; the suffix of FILE selects the format.
 
