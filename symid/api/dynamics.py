@@ -672,12 +672,6 @@ class RobotDynamics:
         Raises:
             RobotError: a symbolic length has no value.
             GenerationError: there is no compiler and the backend is "c", or it fails.
-
-        Example:
-            >>> import symid
-            >>> lib = symid.load("two_link").compile()
-            >>> lib.mass_matrix([0.1, 0.2], lib.beta).shape
-            (2, 2)
         """
         if fused:
             return CompiledModel(self._prepare(self.description, fused=True, whole=True))
@@ -719,11 +713,6 @@ class RobotDynamics:
                 is to be constant.
             OutputError: the folder cannot be written, or belongs to something else.
             GenerationError: the code fails its self-test.
-
-        Example:
-            >>> import symid
-            >>> symid.load("two_link").write("python", "code", functions=["gravity"]).selftest
-            'passed'
         """
         order = GenerateOptions(
             functions=None if functions is None else tuple(functions),

@@ -121,12 +121,6 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         """Return what the fit is worth by its own logs; held-out logs give a stronger verdict (`validate`).
 
         Its `level` is "good", "usable", "doubtful" or "wrong".
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> robot.identify(robot.simulate(duration=5.0, seed=1).log).verdict.level in ("good", "usable")
-            True
         """
         return report.judge_fit(self.product)
 
@@ -194,13 +188,6 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             EstimateError: the fit belongs to another model.
             LogError: the log does not fit the robot.
             IdentifiabilityError: no joint moves in the log.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.validate(robot.simulate("tc", duration=5.0, seed=2).log, gate=5.0).accepted
-            True
         """
         if band is not None and self._of:
             text = f"--band needs an estimate of base parameters, and this one is of {self._of}; leave it out"
@@ -260,13 +247,6 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         Raises:
             UsageError: a column is missing, or a reading is not a sum of our parameters.
             EstimateError: another fit cannot be read, belongs to another robot, or has nothing in common.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.compare(fit).largest
-            0.0
         """
         return compare_fit(
             self.robot.description,
@@ -308,13 +288,6 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             EstimateError: the format cannot represent these values, bodies differ by more than the limit, or
                 the verdict is wrong.
             OutputError: the file cannot be written.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.export("identified.urdf").format
-            'URDF'
         """
         robot = self.robot
         options = ExportOptions(precision=precision, accept=accept, limit=limit)
@@ -343,13 +316,6 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             UsageError: this kind of fit has no validation or diagnosis.
             LogError: a log does not fit the robot.
             OutputError: the page cannot be written.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.report("report.html", validation=robot.simulate("tc", duration=5.0).log).file.name
-            'report.html'
         """
         pairs = list_pairs(settings)
         logs = list_logs(validation, pairs)

@@ -178,12 +178,6 @@ class SavedResult(Result):
 
         Raises:
             OutputError: the file cannot be written.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> robot.identify(robot.simulate(duration=5.0, seed=1).log).save("fit.json").name
-            'fit.json'
         """
         return self._save(Path(fspath(path)))
 
