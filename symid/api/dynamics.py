@@ -4,9 +4,9 @@ Robot -> `BaseSet`; robot -> `Derivation`, step by step, with operation counts o
 `WrittenLesson`, the derivation as a page.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Self, TypedDict, Unpack, final
@@ -296,13 +296,8 @@ class MarkedSheet(Result):
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, and a row for each answer."""
         rows = [
-            (
-                entry.number,
-                entry.mark,
-                entry.typed if len(entry.typed) <= _SHOWN else entry.typed[:_SHOWN] + "...",
-                entry.note,
-            )
-            for entry in self.answers
+            (one.number, one.mark, one.typed[:_SHOWN] + "..." * (len(one.typed) > _SHOWN), one.note)
+            for one in self.answers
         ]
         return (self.summarise(), report.Table(("exercise", "mark", "answer", "note"), rows, left=(1, 2, 3)))
 
@@ -427,10 +422,8 @@ class RobotDynamics:
 
     def __repr__(self) -> str:
         """Return the robot in one line."""
-        joints = f"{len(self.joints)} joint{'s'[: len(self.joints) != 1]}"
-        return (
-            f"<{type(self).__name__} {self.name}: {joints}{', elastic' if self.elastic else ''}, {self.path}>"
-        )
+        joints = f"{len(self.joints)} joint{'s'[: len(self.joints) != 1]}{', elastic' * self.elastic}"
+        return f"<{type(self).__name__} {self.name}: {joints}, {self.path}>"
 
     def override(
         self,
@@ -468,7 +461,7 @@ class RobotDynamics:
     @cached_property
     def base(self) -> BaseSet:
         """Return the base parameters: the smallest set that describes all motions and torques."""
-        return self._derive_base("torque")
+        return self.derive_base()
 
     def derive_base(self, form: BaseForm = "torque") -> BaseSet:
         """Return the base parameters of the torques, energies, momentum, or torques at rest ("gravity").
@@ -484,9 +477,6 @@ class RobotDynamics:
             >>> symid.load("two_link").derive_base("gravity").names
             ('MXR1', 'MY1', 'MX2', 'MY2')
         """
-        return self.base if form == "torque" else self._derive_base(form)
-
-    def _derive_base(self, form: BaseForm) -> BaseSet:
         if form not in dynamics.BASE_FORMS:
             text = f"there is no form {form!r}; allowed are {', '.join(dynamics.BASE_FORMS)}"
             raise UsageError(Notice(code="usage.base-form", text=text))
@@ -543,7 +533,7 @@ class RobotDynamics:
             OutputError: the page cannot be written.
         """
         self.progress(f"deriving the lesson on {self.name}")
-        file = Path(fspath(path))
+        file, robot = Path(fspath(path)), self.description
         suffix = check_suffix(file, "a lesson", (".html", ".htm", ".tex", ".ipynb"))
         book = lessons.get_book(notation, angle=angle, long=long_sines)
         if suffix in (".tex", ".ipynb") and (exercises or log is not None):
@@ -552,25 +542,23 @@ class RobotDynamics:
             raise UsageError(Notice(code="usage.lesson-option", text=what))
         answers = sheet = executed = None
         if suffix == ".tex":
-            text = lessons.write_lesson_tex(self.description, book, parameters)
+            text = lessons.write_lesson_tex(robot, book, parameters)
         elif suffix == ".ipynb":
-            text, executed = lessons.write_lesson_notebook(
-                self.description, book, parameters, file.resolve().parent
-            )
+            text, executed = lessons.write_lesson_notebook(robot, book, parameters, file.resolve().parent)
         else:
             sheet_file = file.with_suffix(".exercises.txt")
             if exercises and sheet_file.exists() and any(_read_sheet(sheet_file).answers.values()):
                 said = "has answers that were typed; move it, or name the page otherwise"
                 raise OutputError(Notice(code="output.answers", text=said, file=str(sheet_file)))
-            moved = None if log is None else _sample_log(self.description, log)
+            moved = None if log is None else _sample_log(robot, log)
             page = lessons.write_lesson_page(
-                self.description, book, parameters, exercises=exercises, seed=seed, logged=moved
+                robot, book, parameters, exercises=exercises, seed=seed, logged=moved
             )
             answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
             sheet = write_file(sheet_file, page.sheet) if page.sheet else None
             text = page.html
         return WrittenLesson(
-            robot=self.description,
+            robot=robot,
             path=write_file(file, text),
             size=len(text.encode()),
             notation=notation,
@@ -644,11 +632,8 @@ class RobotDynamics:
             2
         """
         self._check_function(name)
-        if compiled:
-            return codegen.build_compiled_function(
-                self.description, name, standard=standard, constant=constant
-            )
-        return codegen.build_casadi_function(self.description, name, standard=standard, constant=constant)
+        build = codegen.build_compiled_function if compiled else codegen.build_casadi_function
+        return build(self.description, name, standard=standard, constant=constant)
 
     def _check_function(self, name: str) -> None:
         """Refuse a function that the catalogue does not have for this robot, with the nearest names."""
@@ -673,9 +658,8 @@ class RobotDynamics:
             RobotError: a symbolic length has no value.
             GenerationError: there is no compiler and the backend is "c", or it fails.
         """
-        if fused:
-            return CompiledModel(self._prepare(self.description, fused=True, whole=True))
-        return CompiledModel(self._whole_library)
+        fast = self._prepare(self.description, fused=True, whole=True) if fused else self._whole_library
+        return CompiledModel(fast)
 
     def write(
         self,
@@ -723,13 +707,11 @@ class RobotDynamics:
             trigonometry=trigonometry,
             friction_laws=friction_laws,
         )
-        path = Path(fspath(folder))
-        made = codegen.generate_folder(self.description, order, path, progress=self.progress, force=force)
-        springs, notices = codegen.generate_springs(
-            self.description, order, path, progress=self.progress, force=force
-        )
+        robot, path, progress = self.description, Path(fspath(folder)), self.progress
+        made = codegen.generate_folder(robot, order, path, progress=progress, force=force)
+        springs, notices = codegen.generate_springs(robot, order, path, progress=progress, force=force)
         notices = (*self.notices, *made.notices, *notices)
-        return WrittenCode.extend(made, robot=self.description, springs=springs, notices=notices)
+        return WrittenCode.extend(made, robot=robot, springs=springs, notices=notices)
 
     @cached_property
     def library(self) -> "codegen.Library":
@@ -754,9 +736,6 @@ class RobotDynamics:
 
         return identification.TaskContext(prepare=prepare, progress=self.progress)
 
-    def _prepare(
-        self, description: "robots.Robot", *, fused: bool = False, whole: bool = False
-    ) -> "codegen.Library":
-        return codegen.prepare_library(
-            description, progress=self.progress, backend=self.backend, fused=fused, whole=whole
-        )
+    @property
+    def _prepare(self) -> "Callable[..., codegen.Library]":
+        return partial(codegen.prepare_library, progress=self.progress, backend=self.backend)

@@ -477,10 +477,9 @@ class ElasticFit(_DynamicsFit):
         return report.fit_text.show_elastic(self.estimate)
 
     def _describe(self) -> dict[str, object]:
-        joints = [entry.joint for entry in self.estimate.residual]
-        aligned = (
-            None if self.alignment is None else report.fit_text.describe_alignment(self.alignment, joints)
-        )
+        joints, aligned = [entry.joint for entry in self.estimate.residual], None
+        if self.alignment is not None:
+            aligned = report.fit_text.describe_alignment(self.alignment, joints)
         return {**report.fit_text.describe_elastic(self.estimate), "alignment": aligned, **self.extra}
 
 
@@ -513,21 +512,18 @@ class FrictionFit(Fit):
     @property
     def parameters(self) -> "tuple[estimators.ParameterEstimate, ...]":
         """Return the parameters of all laws, called joint.parameter, such as "elbow.fC"."""
-        return tuple(
-            replace(entry, name=f"{joint.joint}.{entry.name}")
-            for joint in self.estimate.joints
-            for entry in joint.estimate.parameters
+        pairs = (
+            (joint.joint, entry) for joint in self.estimate.joints for entry in joint.estimate.parameters
         )
+        return tuple(replace(entry, name=f"{joint}.{entry.name}") for joint, entry in pairs)
 
     @property
     def refused(self) -> Mapping[str, str]:
         """Return the joints and parameters that are not identifiable, with the reason."""
-        found = {
-            f"{joint.joint}.{name}": reason
-            for joint in self.estimate.joints
-            for name, reason in joint.estimate.refused
-        }
-        return {**dict(self.estimate.refused), **found}
+        found = dict(self.estimate.refused)
+        for joint in self.estimate.joints:
+            found |= {f"{joint.joint}.{name}": reason for name, reason in joint.estimate.refused}
+        return found
 
     @property
     def residual(self) -> "tuple[estimators.Residual, ...]":

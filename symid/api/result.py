@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Self, dataclass_transform, final
 
 from symid import report
 from symid.environment import write_file
-from symid.errors import Notice, UsageError, arrange_notices
+from symid.errors import Notice, UsageError, list_notice_lines
 from symid.serialization import describe_record
 
 Progress = Callable[[str], None]
@@ -105,9 +105,8 @@ class Result(ABC):
         return "\n\n".join(filter(None, (self.to_text(), self._list_notices())))
 
     def _list_notices(self) -> str:
-        arranged = arrange_notices(self.notices, sources=self.sources)
-        lines = (*arranged.list_lines("`.notices` holds all"), *(("error", str(e)) for e in self.errors))
-        return "\n".join(f"{kind}: {text}" for kind, text in lines)
+        told = list_notice_lines(self.notices, self.sources, "`.notices` holds all")
+        return "\n".join(f"{kind}: {text}" for kind, text in (*told, *(("error", e) for e in self.errors)))
 
     def _tabulate(self) -> "tuple[report.Block, ...]":
         """Return the blocks for a notebook, which is wider than a terminal."""

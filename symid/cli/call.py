@@ -31,7 +31,7 @@ import click
 
 from symid import __version__
 from symid.environment import show_path
-from symid.errors import MOST_WARNINGS, Notice, SymidError, arrange_notices, sort_notices
+from symid.errors import MOST_WARNINGS, Notice, SymidError, list_notice_lines, sort_notices
 from symid.serialization import write_json
 
 if TYPE_CHECKING:
@@ -139,8 +139,7 @@ def print_answer(answer: Answer, *, as_json: bool, quiet: bool, verbose: bool = 
         click.echo(answer.text)
     if not quiet:
         most = None if verbose else MOST_WARNINGS
-        arranged = arrange_notices(answer.warnings, most=most, sources=answer.sources)
-        for kind, text in arranged.list_lines("-v shows them"):
+        for kind, text in list_notice_lines(answer.warnings, answer.sources, "-v shows them", most=most):
             _print_line(kind, text)
     print_errors(answer.errors)
 
