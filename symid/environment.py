@@ -213,9 +213,7 @@ _WORTH_SAYING = 2.0
 def report_count(progress: Callable[[str], None], what: str = "") -> Callable[[int, int], None]:
     """Return a callback for (done, count) that reports both, and how long the rest will take.
 
-    Args:
-        progress: called with a text such as "3 of 40, 25 s left".
-        what: is counted, a word before the numbers.
+    `progress` is called with a text such as "3 of 40, 25 s left"; `what` is counted, a word before it.
     """
     start = time.monotonic()
 

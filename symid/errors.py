@@ -121,13 +121,9 @@ def sort_notices(notices: Iterable[Notice]) -> tuple[Notice, ...]:
 def list_notice_lines(
     notices: Iterable[Notice], sources: Collection[str], where: str, *, most: int | None = MOST_WARNINGS
 ) -> Iterator[tuple[str, str]]:
-    """Yield kind and text of what is printed: warnings, how many more there are, and notes, each once.
+    """Yield kind and text of what is printed: `most` warnings, how many more there are, and notes, each once.
 
-    Args:
-        notices: warnings and notes.
-        sources: all logs, as for `merge_notices`.
-        where: says how the other warnings are seen.
-        most: warnings to print; None for all.
+    `sources` are all logs, as for `merge_notices`; `where` says how the other warnings are seen.
     """
     merged = merge_notices(notices, sources)
     warnings = [("warning", str(entry)) for entry in merged if not entry.is_note]

@@ -190,11 +190,7 @@ def minimise(
 ) -> IpoptRun:
     """Return where Ipopt ends; `start` itself, as a failure, where it returns no finite numbers.
 
-    Args:
-        problem: functions and bounds.
-        start: x (n,), moved between the bounds where it is outside.
-        options: tolerance, limit of iterations, barrier.
-        scales: (n,) units of x per scaled unknown.
+    `start` is moved between the bounds where it is outside; `scales` (n,) are units of x per scaled unknown.
     """
     import casadi
 

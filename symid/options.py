@@ -17,7 +17,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from os import PathLike
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeAlias, TypeVar
 
 from symid.errors import Notice, UsageError
 from symid.notation import HYSTERESIS_MODELS
@@ -98,11 +98,7 @@ ABOVE, NOT_BELOW = number(above=0.0), number(0.0)
 
 
 def check_value(name: str, value: object, kind: Kind) -> None:
-    """Refuse an argument that is not of its kind; None is accepted.
-
-    Raises:
-        UsageError: the value is refused.
-    """
+    """Refuse an argument that is not of its kind by a UsageError; None is accepted."""
     expected = "" if value is None else kind.describe_mistake(value)
     if expected:
         raise UsageError(Notice(code="usage.range", text=f"{name}={value!r}: expected {expected}"))
@@ -122,40 +118,34 @@ class Option:
     meaning: str
     group: str
     kind: Kind
-    metavar: str | None
-    flag: str | None
-    shown: bool
-    code: str
+    metavar: str | None = None
+    flag: str | None = None
+    shown: bool = True
+    code: str = "usage.range"
 
     def name_flag(self, name: str) -> str:
         """Return the name on the command line of the field called `name`."""
         return f"--{name.replace('_', '-')}" if self.flag is None else self.flag
 
 
+Value: TypeAlias = Any
+"""What a field of a record holds; the record says its type."""
+
+
 def option(
-    default: Any,  # noqa: ANN401  of the field
-    meaning: str,
-    group: str,
-    kind: Kind,
-    metavar: str | None = None,
-    *,
-    flag: str | None = None,
-    shown: bool = True,
-    code: str = "usage.range",
-) -> Any:  # noqa: ANN401  as `dataclasses.field`
-    """Return a field of a record; `flag` is None for that of the field's name. See `Option`."""
-    about = Option(
-        meaning=meaning, group=group, kind=kind, metavar=metavar, flag=flag, shown=shown, code=code
-    )
+    default: Value, meaning: str, group: str, kind: Kind, metavar: str | None = None, **more: Value
+) -> Value:
+    """Return a field of a record; `more` are `flag`, `shown` and `code` of `Option`."""
+    about = Option(meaning=meaning, group=group, kind=kind, metavar=metavar, **more)
     return field(default=default, metadata={"option": about})
 
 
-def inner(default: Any, meaning: str, kind: Kind = TEXT, *, code: str = "usage.range") -> Any:  # noqa: ANN401  as `option`
+def inner(default: Value, meaning: str, kind: Kind = TEXT, **more: Value) -> Value:
     """Return a field of a record that the command line does not have."""
-    return option(default, meaning, "", kind, flag="", code=code)
+    return option(default, meaning, "", kind, flag="", **more)
 
 
-def share(record: "type[Options]", name: str) -> Any:  # noqa: ANN401  as `option`
+def share(record: "type[Options]", name: str) -> Value:
     """Return the field of another record."""
     entry = record.__dataclass_fields__[name]
     return field(default=entry.default, metadata=entry.metadata)
@@ -196,11 +186,8 @@ class Options:
             value = given.tolist() if hasattr(given, "tolist") else given
             if kind.many and isinstance(value, int | float | str):
                 value = (value,)
-            if (
-                (kind.many or kind.name == "numbers")
-                and isinstance(value, Sequence)
-                and not isinstance(value, str)
-            ):
+            listed = kind.many or kind.name == "numbers"
+            if listed and isinstance(value, Sequence) and not isinstance(value, str):
                 value = tuple(part.tolist() if hasattr(part, "tolist") else part for part in value)
             if value is not given:
                 object.__setattr__(self, entry.name, value)
@@ -229,11 +216,7 @@ R = TypeVar("R", bound=Options)
 
 
 def merge(options: R | None, default: R, **given: object) -> R:
-    """Return options with the keywords that a call was given; None stands for one that was not.
-
-    Raises:
-        UsageError: a value is refused.
-    """
+    """Return options with the keywords that a call was given; None stands for one that was not."""
     return replace(options or default, **{name: value for name, value in given.items() if value is not None})
 
 
@@ -596,10 +579,7 @@ class HysteresisOptions(Options):
     """What a fit of an element with hysteresis is asked for."""
 
     model: str = option(
-        "auto",
-        "Model of the element.  [default: auto]",
-        METHOD,
-        words("auto", *HYSTERESIS_MODELS),
+        "auto", "Model of the element.  [default: auto]", METHOD, words("auto", *HYSTERESIS_MODELS)
     )
     passive: bool | None = option(None, "Only elements from which no motion gets work.", METHOD, FLAG)
 

@@ -80,15 +80,7 @@ _VERDICTS = frozenset({"identify.wrong", "validate.wrong"})
 def make_answer(
     result: "Result", *lines: str, exit_code: int = 1, notices: Sequence[Notice] = (), **added: object
 ) -> Answer:
-    """Return the answer for a result of the API.
-
-    Args:
-        result: of the API.
-        lines: further text, such as the path of a written file.
-        exit_code: if the result is not acceptable.
-        notices: further warnings and notes.
-        added: further entries of the JSON object.
-    """
+    """Return the answer for a result of the API, with further text, notices and entries of the JSON."""
     return Answer(
         text="\n\n".join((result.to_text(), *lines)),
         result={**result.to_dict(), **added},

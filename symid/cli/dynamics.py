@@ -274,11 +274,7 @@ def _six_joints(console: Console, *, robot: cli.NamedRobot, seeds: int, seed: in
 @_runs_options(3)
 def _foreign(console: Console, *, truths: str | None, sizes: str, **runs: cli.Given) -> Answer:
     """Errors of every method for elastic joints on hidden models that are not those of symid."""
-    try:
-        factors = tuple(float(part) for part in sizes.split(","))
-    except ValueError as error:
-        text = f"--sizes {sizes}: expected numbers with commas between them"
-        raise UsageError(Notice(code="usage.foreign-study", text=text)) from error
+    factors = cli.split_numbers("--sizes", sizes, "usage.foreign-study")
     names = tuple(truths.split(",")) if truths else ()
     return make_answer(symid.study_foreign(truths=names, sizes=factors, progress=console.progress, **runs))
 

@@ -68,20 +68,7 @@ def demo_command(console: Console, *, backend: str, seed: int, output: Path | No
 @cli.friction_option
 @cli.record_options(symid.DraftOptions, "rotors", "gear", "torque_constant")
 @cli.force_option
-def new_command(
-    console: Console,
-    *,
-    file: Path,
-    urdf: Path | None,
-    table: Path | None,
-    name: str | None,
-    log: Path | None,
-    columns: tuple[str, ...],
-    units: tuple[str, ...],
-    friction: str | None,
-    force: bool,
-    **options: cli.Given,
-) -> Answer:
+def new_command(console: Console, *, file: Path, force: bool, **options: cli.Given) -> Answer:
     """Write a commented robot file, to be completed by hand.
 
     Source is a URDF, an MJCF model, a table of Denavit-Hartenberg rows, or an existing robot. With
@@ -90,20 +77,19 @@ def new_command(
     if file.suffix.lower() != ".toml":
         text = f"{file}: a robot file needs the suffix .toml, such as {file.stem}.toml"
         raise UsageError(Notice(code="usage.suffix", text=text))
-    cli.check_output(file, force=force, inputs=(urdf, table, log))
+    log = options["log"]
+    cli.check_output(file, force=force, inputs=(options["urdf"], options["table"], log))
     code, shape = "usage.quantity", "QUANTITY=..., such as"
+    columns, units = options.pop("columns"), options.pop("units")
     draft = symid.new_robot(
-        urdf=urdf,
-        table=table,
-        robot=name,
-        log=log,
         columns=cli.split_pairs(
             "--columns", columns, f"{shape} --columns position=NAME,NAME", code, once=True
         ),
         units=cli.split_pairs("--units", units, f"{shape} --units position=deg", code, once=True),
-        friction=friction,
         options=cli.take_record(symid.DraftOptions, options),
         progress=console.progress,
+        robot=options.pop("name"),
+        **options,
     )
     cli.check_output(file, force=force, inputs=(draft.source,))
     draft.save(file)
@@ -179,11 +165,7 @@ def plot_command(
     """
     model = robot.load(console)
     cli.check_output(output, force=force, inputs=(model.path, file))
-    try:
-        values = None if pose is None else [float(part) for part in pose.split(",")]
-    except ValueError as error:
-        text = f"--pose {pose}: expected numbers with commas between them"
-        raise UsageError(Notice(code="usage.pose", text=text)) from error
+    values = None if pose is None else cli.split_numbers("--pose", pose, "usage.pose")
     figures = model.plot(file, pose=values)
     written = figures.save(output)
     captions = [entry.caption for entry in figures.drawings]

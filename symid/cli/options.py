@@ -47,15 +47,7 @@ class Group:
     def option(
         self, names: str, meaning: str, kind: Given = None, metavar: str | None = None, **settings: Given
     ) -> Decorator:
-        """Return an option of click, which shows its default.
-
-        Args:
-            names: of the option and, if different, of its argument, separated by blanks.
-            meaning: text in the help.
-            kind: type of its values.
-            metavar: name of its value in the help.
-            settings: of click, such as default or multiple.
-        """
+        """Return an option of click, which shows its default; `names` may end in that of its argument."""
         settings.setdefault("show_default", settings.get("default") is not None)
         settings |= {"help": meaning, "type": kind, "metavar": metavar}
         return click.option(*names.split(), cls=_GroupedOption, group=self.heading, **settings)
@@ -164,13 +156,7 @@ def _choose_type(kind: Kind) -> Given:
 
 
 def record_options(record: type[Options], *names: str, beside: type[Options] | None = None) -> Decorator:
-    """Return the options of the command line for fields of a record, by default all that it has there.
-
-    Args:
-        record: its fields say names, values, meanings and groups.
-        names: of the fields, in the order of the help.
-        beside: a record whose options the verb has already.
-    """
+    """Return the options of fields of a record: those named, else all that `beside` has not already."""
     known = list_options(record)
     defaults = {entry.name: entry.default for entry in fields(record)}
     made, taken = [], set(list_flags(beside)) if beside else set()
@@ -198,30 +184,27 @@ T = TypeVar("T", bound=Options)
 def take_record(record: type[T], values: dict[str, Any], joints: int = 0) -> T:
     """Return the record with the values of its fields, which are taken out of `values`.
 
-    Lists such as 1,2,3 become numbers, one for each of the `joints`.
-
-    Raises:
-        UsageError: a list has other entries, or a value is refused; all mistakes at once.
+    Lists such as 1,2,3 become numbers, one for each of the `joints`; a UsageError names all mistakes.
     """
-    known = list_options(record)
+    known, code = list_options(record), "usage.excitation"
     given = {name: value for name in known if (value := values.pop(name, None)) is not None}
     for name, text in given.items():
         if known[name].kind.name == "numbers":
-            given[name] = split_numbers(known[name].name_flag(name), text, joints)
+            flag = known[name].name_flag(name)
+            given[name] = split_numbers(flag, text, code, f"{joints} ")
+            if len(given[name]) != joints:
+                message = f"{flag}: {len(given[name])} numbers for {joints} joints; give one for each"
+                raise UsageError(Notice(code=code, text=message))
     return record(**given)
 
 
-def split_numbers(flag: str, text: str, joints: int) -> tuple[float, ...]:
-    """Return the numbers of a list such as 1,2,3; refuse any but one for each joint."""
+def split_numbers(flag: str, text: str, code: str, count: str = "") -> tuple[float, ...]:
+    """Return the numbers of a list such as 1,2,3; a UsageError with `code` says how many it may have."""
     try:
-        numbers = tuple(float(part) for part in text.split(","))
+        return tuple(map(float, text.split(",")))
     except ValueError as error:
-        message = f"{flag} {text}: expected {joints} numbers with commas between them"
-        raise UsageError(Notice(code="usage.excitation", text=message)) from error
-    if len(numbers) != joints:
-        message = f"{flag}: {len(numbers)} numbers for {joints} joints; give one for each"
-        raise UsageError(Notice(code="usage.excitation", text=message))
-    return numbers
+        message = f"{flag} {text}: expected {count}numbers with commas between them"
+        raise UsageError(Notice(code=code, text=message)) from error
 
 
 def add_options(*options: Decorator) -> Decorator:
@@ -264,11 +247,7 @@ class NamedRobot(Options):
 def split_pairs(
     name: str, texts: Sequence[str], expected: str, code: str, *, once: bool = False
 ) -> dict[str, str]:
-    """Return key and value of every KEY=VALUE text of the option `name`.
-
-    Raises:
-        UsageError: with `code`, for each text without key or equals sign, and for repeated keys if `once`.
-    """
+    """Return key and value of the texts KEY=VALUE of an option; a UsageError names all mistakes."""
     pairs: dict[str, str] = {}
     mistakes = []
     for text in texts:
@@ -284,11 +263,9 @@ def split_pairs(
 
 
 def check_output(*outputs: Path | None, force: bool, inputs: Sequence[Path | str | None] = ()) -> None:
-    """Check output files before the work begins; None stands for one that is not asked for.
+    """Check output files before the work begins, None for one that is not asked for.
 
-    Raises:
-        OutputError: a file exists and --force is not given, it is one of `inputs`, or its folder does not
-            exist.
+    An OutputError says that a file exists without --force, is one of `inputs`, or has no folder.
     """
     for path in filter(None, outputs):
         for entry in [Path(given) for given in inputs if given]:
@@ -353,22 +330,13 @@ backend_option = record_options(NamedRobot, "backend")
 
 
 def robot_argument(*, computes: bool = False) -> Decorator:
-    """Return the argument ROBOT and the options for reading it, as one `NamedRobot`.
-
-    Args:
-        computes: the verb runs the robot's functions, and has --backend.
-    """
+    """Return the argument ROBOT and how it is read, for verbs that compute --backend as well."""
     taken = record_options(NamedRobot, *(("backend", *_CUTS) if computes else _CUTS))
     return add_options(click.argument("robot", shell_complete=_complete_robot), taken)
 
 
 def robot_option(meaning: str, default: str | None = None) -> Decorator:
-    """Return the option --robot of verbs with a default robot, or with the robot of an estimate.
-
-    Args:
-        meaning: text in the help.
-        default: the default robot; None for none.
-    """
+    """Return the option --robot of verbs with a default robot, or with the robot of an estimate."""
     shown = default is not None
     settings = {"show_default": shown, "shell_complete": _complete_robot}
     named = INPUT.option("--robot", meaning, metavar="ROBOT", default=default, **settings)

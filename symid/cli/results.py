@@ -60,13 +60,10 @@ def validate_command(
     robot: cli.NamedRobot,
     estimate: Path,
     log: Path,
-    test: str | None,
-    gate: float | None,
-    band: float | None,
     tracking: bool,
     against: Path | None,
     seed: int | None,
-    settings: dict[str, str],
+    **trial: cli.Given,
 ) -> Answer:
     """Predict the torques of LOG with the parameters in ESTIMATE; nothing is fitted.
 
@@ -81,14 +78,15 @@ def validate_command(
     if tracking and not isinstance(fit, ElasticFit):
         text = "--tracking needs an estimate of elastic joints with their springs; leave it out"
         raise UsageError(Notice(code="usage.rigid-tracking", text=text, file=str(estimate)))
-    if not isinstance(fit, ElasticFit) or not tracking or band is not None:
-        return make_answer(fit.validate(log, test=test, gate=gate, band=band, settings=settings))
+    if not isinstance(fit, ElasticFit) or not tracking or trial["band"] is not None:
+        return make_answer(fit.validate(log, **trial))
+    del trial["band"]
     other = None if against is None else symid.load_fit(against)
     if other is not None and not isinstance(other, ElasticFit):
         text = "--against: expected an estimate of elastic joints"
         raise UsageError(Notice(code="usage.rigid-tracking", text=text, file=str(against)))
     others = [] if other is None else [other]
-    return make_answer(fit.track(log, against=others, seed=seed, test=test, gate=gate, settings=settings))
+    return make_answer(fit.track(log, against=others, seed=seed, **trial))
 
 
 @cli.verb("compare")
@@ -196,15 +194,13 @@ def report_command(
             text = f"{', '.join(given)} needs an estimate of dynamics or friction; leave it out"
             raise UsageError(Notice(code="usage.no-validation", text=text, file=str(estimate)))
         written = cli.add_page(make_answer(other), other, output)
-        return replace(
-            written, text=f"report: {show_path(output)}", result={**written.result, "file": output}
-        )
+        result = {**written.result, "file": output}
+        return replace(written, text=f"report: {show_path(output)}", result=result)
     fit = symid.load_fit(estimate, None if robot is None else robot.load(console), progress=console.progress)
     if logs or diagnose:
         cli.check_output(output, force=True, inputs=(fit.robot.path,))
-    return make_answer(
-        fit.report(output, validation=logs, test=test or None, settings=settings, diagnose=diagnose)
-    )
+    page = fit.report(output, validation=logs, test=test or None, settings=settings, diagnose=diagnose)
+    return make_answer(page)
 
 
 @cli.verb("export")

@@ -525,15 +525,9 @@ BOOK_NAMES = tuple(book.name for book in _BOOKS)
 
 
 def get_book(name: str, *, angle: str | None = None, long: bool = False) -> Book:
-    """Return the letters of a book.
+    """Return the letters of a book, `name` one of `BOOK_NAMES`; a UsageError for another one.
 
-    Args:
-        name: one of `BOOK_NAMES`.
-        angle: "q" or "theta" in place of the book's own letter of an angle.
-        long: whether to write cos(q1 + q2) in place of c12.
-
-    Raises:
-        UsageError: there is no such book.
+    `angle` is "q" or "theta" in place of the book's own letter; `long` writes cos(q1 + q2) in place of c12.
     """
     if name not in BOOK_NAMES:
         text = f"there is no notation {name!r}; it is one of {', '.join(BOOK_NAMES)}"
