@@ -207,9 +207,8 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
             period=float(record.trace.time[-1]) / max(1, record.samples - 1),
             facts=facts,
         )
-        made = codegen.generate_element(
-            record.elasticity, order, Path(fspath(folder)), progress=progress, force=force
-        )
+        path, element = Path(fspath(folder)), record.elasticity
+        made = codegen.generate_element(element, order, path, progress=progress, force=force)
         return WrittenCode.extend(made, robot=None)
 
 

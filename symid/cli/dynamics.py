@@ -19,34 +19,32 @@ from symid.options import GenerateOptions
 
 @cli.verb("derive")
 @cli.robot_argument()
-@cli.OUTPUT.option("--latex", "Print formulas in LaTeX.", is_flag=True)
-@cli.OUTPUT.option("--html", "Write the lesson as one page, with the arm to move.", cli.FILE, "FILE")
-@cli.OUTPUT.option("--tex", "Write the lesson as a document for pdflatex.", cli.FILE, "FILE")
-@cli.OUTPUT.option(
-    "--ipynb", "Write the lesson as a notebook with SymPy objects, executed.", cli.FILE, "FILE"
-)
-@cli.MODEL.option(
+@cli.OUTPUT("--latex", "Print formulas in LaTeX.", is_flag=True)
+@cli.OUTPUT("--html", "Write the lesson as one page, with the arm to move.", cli.FILE, "FILE")
+@cli.OUTPUT("--tex", "Write the lesson as a document for pdflatex.", cli.FILE, "FILE")
+@cli.OUTPUT("--ipynb", "Write the lesson as a notebook with SymPy objects, executed.", cli.FILE, "FILE")
+@cli.MODEL(
     "--notation",
     "Letters of the page: those of symid or of a textbook.",
     click.Choice(("symid", "siciliano", "craig", "khalil")),
     default="symid",
 )
-@cli.MODEL.option(
+@cli.MODEL(
     "--parameters",
     "Parameters of the page: base, the file's symbols, or masses, centres of mass and inertias (bodies).",
     click.Choice(("base", "symbols", "bodies")),
 )
-@cli.MODEL.option("--angle", "Letter of angles in the page.", click.Choice(("q", "theta")))
-@cli.MODEL.option("--long-sines", "Write cos(q1 + q2) in place of c12 in the page.", is_flag=True)
-@cli.OUTPUT.option(
+@cli.MODEL("--angle", "Letter of angles in the page.", click.Choice(("q", "theta")))
+@cli.MODEL("--long-sines", "Write cos(q1 + q2) in place of c12 in the page.", is_flag=True)
+@cli.OUTPUT(
     "--exercises",
     "Exercises at the end of the page, with a file of answers.",
     click.IntRange(0, 50),
     default=0,
 )
-@cli.OUTPUT.option("--seed", "Of the exercises.", click.IntRange(0), default=0)
-@cli.INPUT.option("--log", "Log whose motion the page offers beside drawn ones.", cli.FILE, "FILE")
-@cli.INPUT.option("--check", "Mark the answers in a sheet of exercises.", cli.FILE, "FILE")
+@cli.OUTPUT("--seed", "Of the exercises.", click.IntRange(0), default=0)
+@cli.INPUT("--log", "Log whose motion the page offers beside drawn ones.", cli.FILE, "FILE")
+@cli.INPUT("--check", "Mark the answers in a sheet of exercises.", cli.FILE, "FILE")
 def derive_command(console: Console, *, robot: cli.NamedRobot, latex: bool, **options: cli.Given) -> Answer:
     """Derive the dynamics step by step, from the frames to the torques, with operation counts.
 
@@ -80,7 +78,7 @@ def derive_command(console: Console, *, robot: cli.NamedRobot, latex: bool, **op
 @cli.verb("base")
 @cli.robot_argument()
 @cli.friction_option
-@cli.MODEL.option(
+@cli.MODEL(
     "--of form",
     "Base parameters of all torques, the energies, the momentum, or torques at rest (gravity).",
     click.Choice(("torque", "energy", "momentum", "gravity")),
@@ -118,8 +116,8 @@ def generate_command(
 @cli.verb("excite")
 @cli.robot_argument()
 @cli.record_options(symid.ExciteOptions)
-@cli.OUTPUT.option("--rate", "Sample rate of the file.", cli.POSITIVE, "HZ", default=1000.0)
-@cli.OUTPUT.option("--periods", "Number of periods in the file.", cli.COUNT, "N", default=1)
+@cli.OUTPUT("--rate", "Sample rate of the file.", cli.POSITIVE, "HZ", default=1000.0)
+@cli.OUTPUT("--periods", "Number of periods in the file.", cli.COUNT, "N", default=1)
 @cli.friction_option
 @cli.output_option("Trajectory to write, .csv.")
 @cli.page_option
@@ -156,7 +154,7 @@ def excite_command(
 
 @cli.verb("simulate")
 @cli.robot_argument(computes=True)
-@cli.METHOD.option(
+@cli.METHOD(
     "--trajectory",
     "fourier (a random Fourier series), ta or tb (published), tc (for validation), or a file (.csv) "
     "of symid excite.",
@@ -202,7 +200,7 @@ class _Studies(cli.Verb, click.Group):
     """A verb with several parts; common flags may stand before or after a part."""
 
     command_class = cli.Verb
-    flags = cli.Group("")
+    flags = ""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options, then the parts."""
@@ -221,14 +219,14 @@ def _runs_options(seeds: int, seed: int = 1, *, jobs: bool = True) -> cli.Decora
     text = "Number of noise draws, starting with --seed."
     cores = "Number of processes.  [default: one for each core]"
     options = (
-        cli.METHOD.option("--seeds", text, cli.COUNT, "N", default=seeds),
-        cli.METHOD.option("--seed", "First random seed.", cli.WHOLE, "N", default=seed),
-        cli.METHOD.option("--jobs", cores, cli.COUNT, "N"),
+        cli.METHOD("--seeds", text, cli.COUNT, "N", default=seeds),
+        cli.METHOD("--seed", "First random seed.", cli.WHOLE, "N", default=seed),
+        cli.METHOD("--jobs", cores, cli.COUNT, "N"),
     )
     return cli.add_options(*options if jobs else options[:2])
 
 
-_times_option = cli.OUTPUT.option(
+_times_option = cli.OUTPUT(
     "--times", "Show how long each method took, which differs from run to run.", is_flag=True
 )
 
@@ -267,10 +265,10 @@ def _six_joints(console: Console, *, robot: cli.NamedRobot, seeds: int, seed: in
 
 
 @study_command.command("foreign")
-@cli.METHOD.option("--arm", "2r, planar, or 3r, spatial.", click.Choice(("2r", "3r")), default="2r")
-@cli.METHOD.option("--truths", "Hidden models, separated by commas.  [default: all]", metavar="NAME,...")
-@cli.METHOD.option("--sizes", "Factors of what is foreign.", metavar="X,...", default="1")
-@cli.METHOD.option("--share", "Part of the full length of the logs.", cli.POSITIVE, "X", default=1.0)
+@cli.METHOD("--arm", "2r, planar, or 3r, spatial.", click.Choice(("2r", "3r")), default="2r")
+@cli.METHOD("--truths", "Hidden models, separated by commas.  [default: all]", metavar="NAME,...")
+@cli.METHOD("--sizes", "Factors of what is foreign.", metavar="X,...", default="1")
+@cli.METHOD("--share", "Part of the full length of the logs.", cli.POSITIVE, "X", default=1.0)
 @_runs_options(3)
 def _foreign(console: Console, *, truths: str | None, sizes: str, **runs: cli.Given) -> Answer:
     """Errors of every method for elastic joints on hidden models that are not those of symid."""

@@ -26,7 +26,7 @@ def doctor_command(console: Console) -> Answer:
 
 @cli.verb("demo")
 @cli.backend_option
-@cli.METHOD.option("--seed", "Random seed.", cli.WHOLE, "N", default=0)
+@cli.METHOD("--seed", "Random seed.", cli.WHOLE, "N", default=0)
 @cli.output_option("Folder for code, logs, estimate and report.  [default: demo]", folder=True)
 def demo_command(console: Console, *, backend: str, seed: int, output: Path | None, force: bool) -> Answer:
     """Simulate an arm with elastic joints, identify dynamics and hysteresis, validate, report.
@@ -40,26 +40,20 @@ def demo_command(console: Console, *, backend: str, seed: int, output: Path | No
 
 @cli.verb("new")
 @click.argument("file", metavar="ROBOT.toml", type=cli.FILE)
-@cli.INPUT.option(
-    "--from-urdf --from-mjcf urdf", "Convert a URDF or an MJCF model (MuJoCo).", cli.FILE, "FILE"
-)
+@cli.INPUT("--from-urdf --from-mjcf urdf", "Convert a URDF or an MJCF model (MuJoCo).", cli.FILE, "FILE")
 @cli.record_options(symid.DraftOptions, "base", "tip")
-@cli.INPUT.option("--from-dh table", "Read a CSV table of Denavit-Hartenberg rows.", cli.FILE, "FILE")
+@cli.INPUT("--from-dh table", "Read a CSV table of Denavit-Hartenberg rows.", cli.FILE, "FILE")
 @cli.record_options(symid.DraftOptions, "convention", "gravity")
-@cli.INPUT.option(
-    "--from name", "Copy the file of an existing robot, or convert its URDF or MJCF.", metavar="ROBOT"
-)
-@cli.INPUT.option(
-    "--log", "Log of the robot: its columns and their units become the [log] table.", cli.FILE, "LOG"
-)
-@cli.INPUT.option(
+@cli.INPUT("--from name", "Copy the file of an existing robot, or convert its URDF or MJCF.", metavar="ROBOT")
+@cli.INPUT("--log", "Log of the robot: its columns and their units become the [log] table.", cli.FILE, "LOG")
+@cli.INPUT(
     "--columns",
     "Columns of a quantity (time, position, torque, velocity), one for each joint; topic=NAME: the topic "
     "of a bag.  [default: recognised by name]",
     multiple=True,
     metavar="QUANTITY=NAME,...",
 )
-@cli.INPUT.option(
+@cli.INPUT(
     "--units",
     "Unit of the columns, one for each or one for all, if the log states none or a wrong one.",
     multiple=True,
@@ -116,7 +110,7 @@ _TOO_LITTLE = 4
 @click.argument("logs", nargs=-1, metavar="[LOG]...", type=cli.FILE)
 @cli.friction_option
 @cli.settings_options
-@cli.OUTPUT.option(
+@cli.OUTPUT(
     "--resample",
     "Write an evenly sampled copy of the log (.npz or .csv) with all its columns.",
     cli.FILE,
@@ -150,9 +144,7 @@ def check_command(
 @cli.verb("plot")
 @cli.robot_argument()
 @click.argument("file", required=False, metavar="[LOG|TRAJECTORY|FIT]", type=cli.FILE)
-@cli.INPUT.option(
-    "--pose", "Coordinates at which the robot is drawn, rad or m.  [default: 0]", metavar="Q1,Q2,..."
-)
+@cli.INPUT("--pose", "Coordinates at which the robot is drawn, rad or m.  [default: 0]", metavar="Q1,Q2,...")
 @cli.output_option("Figures to write, .html or .svg.", required=True)
 @cli.open_option
 def plot_command(

@@ -38,24 +38,18 @@ class _GroupedOption(click.Option):
         self.group = group
 
 
-@dataclass(frozen=True, slots=True)
-class Group:
-    """A heading in the help of a verb, with the options below it."""
-
-    heading: str
-
-    def option(
-        self, names: str, meaning: str, kind: Given = None, metavar: str | None = None, **settings: Given
-    ) -> Decorator:
-        """Return an option of click, which shows its default; `names` may end in that of its argument."""
-        settings.setdefault("show_default", settings.get("default") is not None)
-        settings |= {"help": meaning, "type": kind, "metavar": metavar}
-        return click.option(*names.split(), cls=_GroupedOption, group=self.heading, **settings)
+def _option(
+    group: str, names: str, meaning: str, kind: Given = None, metavar: str | None = None, **settings: Given
+) -> Decorator:
+    """Return an option of click, which shows its default; `names` may end in that of its argument."""
+    settings.setdefault("show_default", settings.get("default") is not None)
+    settings |= {"help": meaning, "type": kind, "metavar": metavar}
+    return click.option(*names.split(), cls=_GroupedOption, group=group, **settings)
 
 
-INPUT, PROCESSING, MODEL, METHOD, OUTPUT = _GROUPS = tuple(
-    map(Group, ("Input", "Processing", "Model", "Method", "Output"))
-)
+_HEADINGS = ("Input", "Processing", "Model", "Method", "Output", "")
+INPUT, PROCESSING, MODEL, METHOD, OUTPUT = (functools.partial(_option, heading) for heading in _HEADINGS[:-1])
+"""Options below a heading in the help of a verb."""
 
 
 class Verb(click.Command):
@@ -65,7 +59,7 @@ class Verb(click.Command):
     --set as one `settings`; --accept and --open are for its answer.
     """
 
-    flags = OUTPUT
+    flags = "Output"
 
     def __init__(self, *arguments: Given, **settings: Given) -> None:
         super().__init__(*arguments, **settings)
@@ -74,7 +68,7 @@ class Verb(click.Command):
             (("-q", "--quiet"), "No progress and no warnings."),
             (("-v", "--verbose"), "More progress and all warnings; a traceback when symid fails."),
         ):
-            self.params.append(_GroupedOption(names, is_flag=True, help=text, group=self.flags.heading))
+            self.params.append(_GroupedOption(names, is_flag=True, help=text, group=self.flags))
 
     def invoke(self, ctx: click.Context) -> Given:
         """Call the function with what the options stand for."""
@@ -100,7 +94,7 @@ class Verb(click.Command):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options by group; those without a group come last."""
-        groups: dict[str, list[tuple[str, str]]] = {entry.heading: [] for entry in (*_GROUPS, Group(""))}
+        groups: dict[str, list[tuple[str, str]]] = {heading: [] for heading in _HEADINGS}
         for parameter in self.get_params(ctx):
             # Newer versions of click have a record of arguments too, which the usage line names already.
             record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
@@ -174,7 +168,7 @@ def record_options(record: type[Options], *names: str, beside: type[Options] | N
         elif not entry.shown:
             settings["show_default"] = False
         kind, named = _choose_type(entry.kind), f"{entry.name_flag(name)} {name}"
-        made.append(Group(entry.group).option(named, entry.meaning, kind, entry.metavar, **settings))
+        made.append(_option(entry.group, named, entry.meaning, kind, entry.metavar, **settings))
     return add_options(*made)
 
 
@@ -283,11 +277,11 @@ def check_output(*outputs: Path | None, force: bool, inputs: Sequence[Path | str
             raise OutputError(Notice(code="output.no-folder", text=text, file=str(path)))
 
 
-force_option = OUTPUT.option("--force", "Overwrite an existing output file, whoever wrote it.", is_flag=True)
-_force_folder_option = OUTPUT.option(
+force_option = OUTPUT("--force", "Overwrite an existing output file, whoever wrote it.", is_flag=True)
+_force_folder_option = OUTPUT(
     "--force", "Overwrite files that symid wrote; other files are still refused.", is_flag=True
 )
-friction_option = MODEL.option(
+friction_option = MODEL(
     "--friction",
     "Friction law of all joints, such as coulomb-viscous-offset or none, in place of the robot file's; "
     "identify finds the shape values of others, as stribeck, and with auto chooses the law of each joint; "
@@ -297,23 +291,23 @@ friction_option = MODEL.option(
 
 
 settings_options = add_options(
-    PROCESSING.option(
+    PROCESSING(
         "--settings named_settings",
         "Use a named set of settings of the robot file, such as published; --set wins.",
         metavar="NAME",
     ),
-    PROCESSING.option(
+    PROCESSING(
         "--set pairs",
         "Replace a setting of the robot file, such as processing.filter_cutoff=50.",
         multiple=True,
         metavar="KEY=VALUE",
     ),
 )
-accept_option = OUTPUT.option(
+accept_option = OUTPUT(
     "--accept accepted", "Go on although the verdict is wrong: exit code 0, and a warning.", is_flag=True
 )
-page_option = OUTPUT.option("--page", "Write verdict, figures and tables as one HTML page.", FILE, "PAGE")
-open_option = OUTPUT.option("--open opened", "Open the written page in the browser.", is_flag=True)
+page_option = OUTPUT("--page", "Write verdict, figures and tables as one HTML page.", FILE, "PAGE")
+open_option = OUTPUT("--open opened", "Open the written page in the browser.", is_flag=True)
 
 
 def add_page(answer: Answer, result: Given, page: Path | None, **options: object) -> Answer:
@@ -339,7 +333,7 @@ def robot_option(meaning: str, default: str | None = None) -> Decorator:
     """Return the option --robot of verbs with a default robot, or with the robot of an estimate."""
     shown = default is not None
     settings = {"show_default": shown, "shell_complete": _complete_robot}
-    named = INPUT.option("--robot", meaning, metavar="ROBOT", default=default, **settings)
+    named = INPUT("--robot", meaning, metavar="ROBOT", default=default, **settings)
     return add_options(named, record_options(NamedRobot, "backend", *_CUTS))
 
 
@@ -369,5 +363,5 @@ def output_option(
     """Return the option -o for a file or folder, options that follow it, and --force to overwrite it."""
     kind = click.Path(path_type=Path, file_okay=not folder, dir_okay=folder)
     metavar = "FOLDER" if folder else "FILE"
-    named = OUTPUT.option("-o --output", meaning, kind, metavar, required=required)
+    named = OUTPUT("-o --output", meaning, kind, metavar, required=required)
     return add_options(named, *between, _force_folder_option if folder else force_option)

@@ -19,19 +19,19 @@ from symid.options import ExportOptions
 @cli.robot_argument(computes=True)
 @click.argument("estimate", type=cli.FILE)
 @click.argument("log", type=cli.FILE)
-@cli.INPUT.option(
+@cli.INPUT(
     "--test",
     "Part of LOG to predict, such as 60%: after `identify --train 0:60%`; a number without a unit has that "
     "of --train, or is in seconds.  [default: all of it]",
     metavar="START:END",
 )
-@cli.OUTPUT.option(
+@cli.OUTPUT(
     "--gate",
     "Limit of the mean relative residual of the joints; for elastic joints, of each table.",
     cli.POSITIVE,
     "PERCENT",
 )
-@cli.PROCESSING.option(
+@cli.PROCESSING(
     "--band",
     "Compare torques at the full sample rate, the measured one and the one predicted from the states of "
     "the fit with the same low-pass filter, without half a second at either end; --gate applies to this "
@@ -39,14 +39,14 @@ from symid.options import ExportOptions
     cli.POSITIVE,
     "HZ",
 )
-@cli.METHOD.option(
+@cli.METHOD(
     "--tracking",
     "Elastic joints: simulate the tracking of another motion with feed-forward of ESTIMATE; the "
     "robot file must state the true values.",
     is_flag=True,
 )
-@cli.METHOD.option("--against", "With --tracking: a second estimate to compare with.", cli.FILE, "ESTIMATE")
-@cli.METHOD.option(
+@cli.METHOD("--against", "With --tracking: a second estimate to compare with.", cli.FILE, "ESTIMATE")
+@cli.METHOD(
     "--seed",
     "With --tracking: follow a random motion of this seed.  [default: tc for two joints, else 1]",
     cli.WHOLE,
@@ -93,23 +93,21 @@ def validate_command(
 @cli.robot_argument()
 @click.argument("estimate", type=cli.FILE)
 @click.argument("others", nargs=-1, required=True, metavar="OTHER...", type=cli.FILE)
-@cli.INPUT.option("--name", "Table column of names or groups.", metavar="COLUMN")
-@cli.INPUT.option("--value", "Table column of values.", metavar="COLUMN")
-@cli.INPUT.option("--deviation", "Table column of standard deviations.", metavar="COLUMN")
-@cli.INPUT.option(
+@cli.INPUT("--name", "Table column of names or groups.", metavar="COLUMN")
+@cli.INPUT("--value", "Table column of values.", metavar="COLUMN")
+@cli.INPUT("--deviation", "Table column of standard deviations.", metavar="COLUMN")
+@cli.INPUT(
     "--deviation-unit",
     "Unit of the table's standard deviations.  [default: by the name of their column]",
     click.Choice(("absolute", "percent")),
 )
-@cli.INPUT.option(
+@cli.INPUT(
     "--read-as",
     'Read a group of a table as another sum, such as "fv5 = fv5 + fvm6".',
     multiple=True,
     metavar="GROUP=SUM",
 )
-@cli.METHOD.option(
-    "--gate", "Limit of the largest difference, in standard deviations.", cli.POSITIVE, "SIGMA"
-)
+@cli.METHOD("--gate", "Limit of the largest difference, in standard deviations.", cli.POSITIVE, "SIGMA")
 @cli.page_option
 @cli.force_option
 def compare_command(
@@ -138,16 +136,14 @@ def compare_command(
 
 @cli.verb("report")
 @click.argument("estimate", type=cli.FILE)
-@cli.INPUT.option(
-    "--validation logs", "Held-out log to predict; may be repeated.", cli.FILE, "LOG", multiple=True
-)
-@cli.INPUT.option(
+@cli.INPUT("--validation logs", "Held-out log to predict; may be repeated.", cli.FILE, "LOG", multiple=True)
+@cli.INPUT(
     "--test",
     "Part of the logs of --validation to predict, as in `validate`; give it once, or once for each log.",
     metavar="START:END",
     multiple=True,
 )
-@cli.METHOD.option(
+@cli.METHOD(
     "--diagnose",
     "Read the logs of the fit again: identifiability, essential parameters, bootstrap, drift, and "
     "which term the residual misses.",
@@ -209,7 +205,7 @@ def report_command(
 @cli.output_option(
     "File to write: .toml, .urdf, .xml or .mjcf (MuJoCo), .usda, .h (C), .json.",
     cli.record_options(ExportOptions, "precision"),
-    cli.OUTPUT.option("--in-place", "Write the URDF or MJCF that ROBOT was made from, not -o.", is_flag=True),
+    cli.OUTPUT("--in-place", "Write the URDF or MJCF that ROBOT was made from, not -o.", is_flag=True),
     cli.record_options(ExportOptions, "accept", "limit"),
 )
 def export_command(
