@@ -159,12 +159,9 @@ def write_file(
         if temporary and isinstance(error, ValueError):
             raise
         text = f"cannot be written: {getattr(error, 'strerror', None) or error}"
-        if what:
-            notice = Notice(code="output.unwritable", text=f"{what} {text}", file=str(path))
-        else:
-            text += "; name a file in a folder that exists and is yours"
-            notice = Notice(code="output.write", text=text, file=str(path))
-        raise OutputError(notice) from error
+        text = f"{what} {text}" if what else f"{text}; name a file in a folder that exists and is yours"
+        code = "output.unwritable" if what else "output.write"
+        raise OutputError(Notice(code=code, text=text, file=str(path))) from error
     finally:
         if temporary:
             Path(temporary).unlink(missing_ok=True)
@@ -185,9 +182,8 @@ def locate_resource_folder(name: str) -> Path:
     for place in places:
         if place.is_dir():
             return place
-    text = (
-        f"the folder {name!r} of symid is missing, searched {places[0]} and {places[1]}; install symid again"
-    )
+    searched = " and ".join(map(str, places))
+    text = f"the folder {name!r} of symid is missing, searched {searched}; install symid again"
     raise SymidError(Notice(code="symid.missing-resource", text=text))
 
 

@@ -464,10 +464,7 @@ class RobotDynamics:
         return self.derive_base()
 
     def derive_base(self, form: BaseForm = "torque") -> BaseSet:
-        """Return the base parameters of the torques, energies, momentum, or torques at rest ("gravity").
-
-        Args:
-            form: "torque", "energy", "momentum" or "gravity".
+        """Return the base parameters of a `form`: "torque", "energy", "momentum", or "gravity" (at rest).
 
         Raises:
             UsageError: there is no such form.
@@ -486,10 +483,7 @@ class RobotDynamics:
     # Derivation, exact functions and code.
 
     def derivation(self, *, latex: bool = False) -> Derivation:
-        """Return the derivation of the dynamics, from the frames to the torques, with a check of each step.
-
-        Args:
-            latex: print formulas in LaTeX.
+        """Return the derivation of the dynamics from frames to torques, each step checked, or in `latex`.
 
         Raises:
             RobotError: a symbolic length has no value.
@@ -568,13 +562,10 @@ class RobotDynamics:
         )
 
     def check_answers(self, path: str | PathLike[str]) -> MarkedSheet:
-        """Mark the answers that were typed into the sheet of a lesson's exercises.
+        """Mark the answers that were typed into the sheet at `path`, which `write_lesson` wrote beside a page.
 
         Formulas are compared exactly: any form of the right polynomial is right. A number is right to one
         percent. The sheet says with which settings its exercises were drawn.
-
-        Args:
-            path: of the sheet, as `write_lesson` with `exercises` wrote it beside the page.
 
         Raises:
             InputError: the file is no such sheet, or one of another robot.

@@ -293,10 +293,7 @@ def fit(
 
 
 def load(path: str | PathLike[str]) -> ElementFit:
-    """Return a fit that `ElementFit.save` or `symid hysteresis` wrote.
-
-    Args:
-        path: of the file.
+    """Return a fit that `ElementFit.save` or `symid hysteresis` wrote to `path`.
 
     Raises:
         EstimateError: there is no such file, or it holds something else; it names all mistakes.

@@ -70,10 +70,7 @@ class Stiffness(PagedResult, SavedResult):
 
 
 def load_stiffness(path: str | PathLike[str]) -> Stiffness:
-    """Return the stiffness of joints that `Stiffness.save` or `symid identify --method stiffness -o` wrote.
-
-    Args:
-        path: of the file.
+    """Return the stiffness that `Stiffness.save` or `symid identify --method stiffness -o` wrote to `path`.
 
     Raises:
         EstimateError: there is no such file, or it holds something else; it names all mistakes.
@@ -206,11 +203,9 @@ class PayloadResult(PagedResult, SavedResult):
 
 
 def load_payload(path: str | PathLike[str], robot: "RobotDynamics | None" = None) -> PayloadResult:
-    """Return the payload that `PayloadResult.save` or `symid payload -o` wrote.
+    """Return the payload that `PayloadResult.save` or `symid payload -o` wrote to `path`.
 
-    Args:
-        path: of the file.
-        robot: that carries it; only `for_controller` with a link as flange needs it.
+    The `robot` is the one that carries it; only `for_controller` with a link as flange needs it.
 
     Raises:
         EstimateError: there is no such file, or it holds something else, or a payload of another robot; it

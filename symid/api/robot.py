@@ -458,10 +458,7 @@ class RobotModel(RobotDynamics):
         return Study(title=title, product=found, tables=show(found), described=asdict(found))
 
     def study_cutoff(self, log: api_logs.LogLike) -> "Study[studies.CutoffStudy]":
-        """Show how the cut-off of the position filter changes the prediction error of a fit.
-
-        Args:
-            log: of this robot, a file or one that was read.
+        """Show how the cut-off of the position filter changes the error of a fit to a `log` or its file.
 
         Raises:
             UsageError: the file lists several runs.
@@ -517,9 +514,7 @@ class RobotModel(RobotDynamics):
     ) -> "Study[tuple[studies.elastic_methods.ManyJointsResult, ...]]":
         """Validate the identified dynamics of an elastic arm with any number of joints on a held-out motion.
 
-        Args:
-            seeds: draws of motion and noise.
-            seed: the first one.
+        `seeds` are draws of motion and noise, and `seed` is the first one.
 
         Raises:
             UsageError: the robot file states no truth.
@@ -602,12 +597,9 @@ def load(
 def load_fit(
     path: str | PathLike[str], robot: RobotModel | None = None, *, progress: Progress = ignore
 ) -> Fit:
-    """Return the fit stored in a file, of any kind.
+    """Return the fit of any kind that `Fit.save` or `symid identify -o` wrote to `path`.
 
-    Args:
-        path: a file that `Fit.save` or `symid identify -o` wrote.
-        robot: its robot; loaded on use by the name stored in the file by default.
-        progress: called with a short text when the robot is loaded by its name.
+    By default its `robot` is loaded on use by the name stored in the file, of which `progress` is told.
 
     Raises:
         EstimateError: the file does not exist, or is not a fit.
