@@ -562,7 +562,7 @@ class RobotDynamics:
         )
 
     def check_answers(self, path: str | PathLike[str]) -> MarkedSheet:
-        """Mark the answers that were typed into the sheet at `path`, which `write_lesson` wrote beside a page.
+        """Mark the answers typed into the sheet at `path`, which `write_lesson` wrote beside a page.
 
         Formulas are compared exactly: any form of the right polynomial is right. A number is right to one
         percent. The sheet says with which settings its exercises were drawn.

@@ -202,7 +202,7 @@ class JudgedResult(Result):
 
     def _list_remarks(self) -> tuple[Notice, ...]:
         """Return the warnings and notes besides the verdict."""
-        return ()
+        return super().notices
 
     @property
     def notices(self) -> tuple[Notice, ...]:

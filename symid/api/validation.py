@@ -73,9 +73,6 @@ class LogValidation(JudgedResult, DrawnResult):
     def _name_file(self) -> str:
         return self.source
 
-    def _list_remarks(self) -> tuple[Notice, ...]:
-        return self.product.notices
-
     @property
     def errors(self) -> tuple[Notice, ...]:
         """Return the error of a wrong verdict, and the reason if the gate is missed."""

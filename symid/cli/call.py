@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from symid import Result
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Answer:
     """The answer of a verb: `text` for people, `result` for programs.
 
@@ -62,16 +62,10 @@ class Answer:
     def add(self, results: "Sequence[Result]") -> "Answer":
         """Return the answer with warnings and errors of further results, those that it has not yet."""
         known = {(notice.code, notice.text) for notice in self.warnings}
-        new = [
-            entry for result in results for entry in result.notices if (entry.code, entry.text) not in known
-        ]
-        errors = [error for result in results for error in result.errors]
-        return replace(
-            self,
-            warnings=(*self.warnings, *new),
-            errors=(*self.errors, *errors),
-            exit_code=self.exit_code or (1 if errors else 0),
-        )
+        notices = (notice for result in results for notice in result.notices)
+        warnings = (*self.warnings, *(one for one in notices if (one.code, one.text) not in known))
+        errors = (*self.errors, *(error for result in results for error in result.errors))
+        return replace(self, warnings=warnings, errors=errors, exit_code=self.exit_code or int(bool(errors)))
 
 
 _VERDICTS = frozenset({"identify.wrong", "validate.wrong"})

@@ -185,11 +185,8 @@ def simulate_command(
     options = cli.take_record(symid.SimulateOptions, settings, len(model.joints))
     run = model.simulate(trajectory, options=options)
     written = run.save(output)
-    return Answer(
-        text=f"{show_path(written)}: {run.summarise()}",
-        result={"robot": model.name, "file": written, **run.to_dict()},
-        warnings=run.notices,
-    )
+    result = {"robot": model.name, "file": written, **run.to_dict()}
+    return Answer(f"{show_path(written)}: {run.summarise()}", result, run.notices)
 
 
 _FLAGS = frozenset({"--json", "--quiet", "--verbose"})

@@ -95,11 +95,8 @@ def new_command(console: Console, *, file: Path, force: bool, **options: cli.Giv
     following = f"complete it, then symid check {shlex.quote(str(show_path(file)))}"
     if log is not None:
         following = f"symid check {shlex.join((str(show_path(file)), str(log)))}"
-    return Answer(
-        text="\n".join((head, *shown, f"next: {following}")),
-        result={"file": file, **draft.to_dict()},
-        warnings=tuple(notices),
-    )
+    text = "\n".join((head, *shown, f"next: {following}"))
+    return Answer(text, {"file": file, **draft.to_dict()}, tuple(notices))
 
 
 _TOO_LITTLE = 4
@@ -161,8 +158,5 @@ def plot_command(
     figures = model.plot(file, pose=values)
     written = figures.save(output)
     captions = [entry.caption for entry in figures.drawings]
-    return Answer(
-        text="\n".join((*captions, f"plot: {show_path(written)}")),
-        result={"robot": model.name, "file": written, "figures": captions},
-        warnings=model.description.notices,
-    )
+    result = {"robot": model.name, "file": written, "figures": captions}
+    return Answer("\n".join((*captions, f"plot: {show_path(written)}")), result, model.description.notices)

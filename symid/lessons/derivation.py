@@ -28,7 +28,7 @@ from symid.notation import INERTIAL
 from symid.robot import JointKind, Robot
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Formula:
     """An equation `left = right`, both sides in plain text and in LaTeX."""
 
@@ -50,8 +50,7 @@ class Step:
 
 def _write_formula(left: str, text: str, latex: str = "") -> Formula:
     """Return left = text, without `latex` a sentence."""
-    right = latex or rf"\text{{{text}}}"
-    return Formula(left=left, text=text, latex=right, left_latex=dynamics.write_name_latex(left))
+    return Formula(left, text, latex or rf"\text{{{text}}}", dynamics.write_name_latex(left))
 
 
 def _describe_frames(robot: Robot) -> Step:
@@ -130,12 +129,8 @@ def _describe_matrices(robot: Robot) -> list[Step]:
 
     def write(letter: str, value: PolyElement, *place: int) -> Formula:
         total, below = write_sum(value, sums), "".join(str(k + 1) for k in place)
-        left, text, right = (
-            f"{letter}{below}",
-            write_text(total).replace("**", "^"),
-            write_latex(total, style),
-        )
-        return Formula(left=left, text=text, latex=right, left_latex=f"{letter}_{{{below}}}")
+        text, right = write_text(total).replace("**", "^"), write_latex(total, style)
+        return Formula(f"{letter}{below}", text, right, f"{letter}_{{{below}}}")
 
     mass = [write("M", equations.mass[i][j], i, j) for i in size for j in size if j >= i]
     coriolis = [write("C", equations.coriolis[i][j], i, j) for i in size for j in size]
@@ -227,8 +222,7 @@ def describe_friction(robot: Robot) -> Step | None:
             same = abs(torque - float(curve[0])) <= _AGREEMENT * abs(torque)
             require(same, "bristles do not end at the curve of steady sliding")
             checked = "verified at a speed: after a long way bristles give the curve of steady sliding"
-        left, latex_left = f"tau_f{number}", rf"\tau_{{f{number}}}"
-        formulas.append(Formula(left=left, text=law.formula, latex=steady, left_latex=latex_left))
+        formulas.append(Formula(f"tau_f{number}", law.formula, steady, rf"\tau_{{f{number}}}"))
     if not sentences:
         return None
     return Step(

@@ -382,15 +382,10 @@ def evaluate_number(node: Expression, values: Mapping[str, float]) -> float:
         _refuse("the formula has no finite value")
 
 
+_ARITHMETIC = (operator.add, operator.sub, operator.mul, operator.truediv, math.pow)
 _OPERATIONS: Mapping[str, Callable[..., Any]] = {
-    "+": operator.add,
-    "-": operator.sub,
-    "*": operator.mul,
-    "/": operator.truediv,
-    "^": math.pow,
-    "sin": math.sin,
-    "cos": math.cos,
-    "sqrt": math.sqrt,
+    **dict(zip("+-*/^", _ARITHMETIC, strict=True)),
+    **{name: getattr(math, name) for name in _FUNCTIONS},
 }
 
 
