@@ -248,18 +248,10 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             UsageError: a column is missing, or a reading is not a sum of our parameters.
             EstimateError: another fit cannot be read, belongs to another robot, or has nothing in common.
         """
-        return compare_fit(
-            self.robot.description,
-            self,
-            others,
-            name=name,
-            value=value,
-            deviation=deviation,
-            deviation_unit=deviation_unit,
-            read_as=read_as,
-            gate=gate,
-            progress=self.robot.progress,
-        )
+        table: dict[str, Any] = {"name": name, "value": value, "deviation": deviation}
+        table |= {"deviation_unit": deviation_unit, "read_as": read_as}
+        robot, progress = self.robot.description, self.robot.progress
+        return compare_fit(robot, self, others, **table, gate=gate, progress=progress)
 
     def export(
         self,

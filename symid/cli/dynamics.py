@@ -63,7 +63,8 @@ def derive_command(console: Console, *, robot: cli.NamedRobot, latex: bool, **op
         text = f"{' and '.join(given)}: one at a time"
         raise UsageError(Notice(code="usage.lesson-files", text=text))
     check = given.pop("--check", None)
-    for page in given.values():
+    if given:
+        (page,) = given.values()
         return make_answer(robot.load(console).write_lesson(page, **options))
     unused = [name for name, value in options.items() if value not in (None, False, "symid", 0)]
     if unused:

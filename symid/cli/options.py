@@ -141,7 +141,7 @@ def _choose_type(kind: Kind) -> Given:
             low, high = (value if math.isfinite(value) else None for value in (kind.least, kind.most))
             return Finite(min=low, max=high, min_open=kind.open)
         case "whole":
-            return click.IntRange(min=int(kind.least), max=int(kind.most) if kind.most < math.inf else None)
+            return click.IntRange(min=int(kind.least))
         case "words":
             return click.Choice((*kind.words, *kind.beside))
     if kind is FOUND:
@@ -331,9 +331,7 @@ def robot_argument(*, computes: bool = False) -> Decorator:
 
 def robot_option(meaning: str, default: str | None = None) -> Decorator:
     """Return the option --robot of verbs with a default robot, or with the robot of an estimate."""
-    shown = default is not None
-    settings = {"show_default": shown, "shell_complete": _complete_robot}
-    named = INPUT("--robot", meaning, metavar="ROBOT", default=default, **settings)
+    named = INPUT("--robot", meaning, None, "ROBOT", default=default, shell_complete=_complete_robot)
     return add_options(named, record_options(NamedRobot, "backend", *_CUTS))
 
 
