@@ -4,13 +4,8 @@ Robot, book -> `Lesson`: energies, base parameters, M, C, g, equation of motion,
 three joints, and where four give short formulas, all is written out; beyond, composite bodies and their
 momenta have names, and torques are those of the recursion. What is stated as checked was compared before.
 Then, on elastic joints, motor and link, springs, energies, inverse, two steps; the page runs the generated
-step of the springs beside them.
+step of the springs beside them (Kuhnen 2003; Zhang and Zhang 2023 for the two-step method).
 
-    link    M ddq + C dq + g = tau_J            play  P_r[x] = max(x - r, min(x + r, P_r before))
-    motor   IA ddtheta + tau_f + tau_J = tau_m  stop  E_r[x] = x - P_r[x]
-    spring  tau_J = S(k0 phi + sum k_i E_i[phi]),  phi = theta - q
-
-Kuhnen 2003; Zhang and Zhang 2023 for the two-step method.
 Supported: robots of the exact algebra; springs with stops, knees and a cubic part.
 Not supported: a closed form of C beyond four joints; branches of other models (named only).
 """
