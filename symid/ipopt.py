@@ -313,7 +313,8 @@ def _build_functions(problem: SmoothProblem) -> dict[str, Any]:
     return functions
 
 
-_Slots = tuple[Any, ...]
+_Sparsity = Any
+_Slots = tuple[_Sparsity, ...]
 """CasADi's sparsity of every argument, or of every result."""
 
 
@@ -338,10 +339,10 @@ def _load_callback_class() -> Callable[[str, _Slots, _Slots, Callable[..., list[
         def get_n_out(self) -> int:
             return len(self.gives)
 
-        def get_sparsity_in(self, place: int) -> "casadi.Sparsity":
+        def get_sparsity_in(self, place: int) -> _Sparsity:
             return self.takes[place]
 
-        def get_sparsity_out(self, place: int) -> "casadi.Sparsity":
+        def get_sparsity_out(self, place: int) -> _Sparsity:
             return self.gives[place]
 
         def eval(self, arguments: Sequence[Any]) -> list[Any]:
