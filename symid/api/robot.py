@@ -585,7 +585,7 @@ def load(
         x, y, z = (repr(float(part)) for part in gravity)
         written = (x, y, z)
     replaced = api_logs.list_pairs(settings), friction
-    given = {"base": base, "tip": tip, "convention": convention, "gravity": written}
+    given: dict[str, Any] = {"base": base, "tip": tip, "convention": convention, "gravity": written}
     read = partial(robots.load_robot, fspath(robot), *replaced, **given)
     described = read(snap=snap)
     if snap is None and any(notice.code in _ROUNDED for notice in described.notices):

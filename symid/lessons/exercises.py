@@ -555,7 +555,7 @@ def build_comparison(lesson: Lesson) -> FormulaComparison:
     for seed in _POINTS:
         # Exact numbers for all letters, with s^2 + c^2 = 1.
         rng = np.random.default_rng(seed)
-        point = {}
+        point: dict[str, Fraction] = {}
         for name in letters:
             t = Fraction(int(rng.integers(1, 400)), int(rng.integers(200, 400)))
             if name[0] == "s" and name[1:].isdigit():
