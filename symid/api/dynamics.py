@@ -461,7 +461,7 @@ class RobotDynamics:
     @cached_property
     def base(self) -> BaseSet:
         """Return the base parameters: the smallest set that describes all motions and torques."""
-        return self.derive_base()
+        return self._derive_base("torque")
 
     def derive_base(self, form: BaseForm = "torque") -> BaseSet:
         """Return the base parameters of a `form`: "torque", "energy", "momentum", or "gravity" (at rest).
@@ -474,6 +474,9 @@ class RobotDynamics:
             >>> symid.load("two_link").derive_base("gravity").names
             ('MXR1', 'MY1', 'MX2', 'MY2')
         """
+        return self.base if form == "torque" else self._derive_base(form)
+
+    def _derive_base(self, form: BaseForm) -> BaseSet:
         if form not in dynamics.BASE_FORMS:
             text = f"there is no form {form!r}; allowed are {', '.join(dynamics.BASE_FORMS)}"
             raise UsageError(Notice(code="usage.base-form", text=text))

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import click
-from click.shell_completion import CompletionItem
+from click import shell_completion
 
 import symid
 from symid.api import BACKENDS
@@ -335,10 +335,13 @@ def robot_option(meaning: str, default: str | None = None) -> Decorator:
     return add_options(named, record_options(NamedRobot, "backend", *_CUTS))
 
 
-def _complete_robot(_: click.Context, __: click.Parameter, incomplete: str) -> list[CompletionItem]:
+def _complete_robot(
+    _: click.Context, __: click.Parameter, incomplete: str
+) -> list[shell_completion.CompletionItem]:
     """Return the robots whose names begin so, and that files fit too."""
     names = [name for name in symid.list_robots() if name.startswith(incomplete)]
-    return [CompletionItem(incomplete, type="file"), *map(CompletionItem, names)]
+    item = shell_completion.CompletionItem
+    return [item(incomplete, type="file"), *map(item, names)]
 
 
 def _name_robot(robot: str | None, options: dict[str, Any]) -> NamedRobot | None:
