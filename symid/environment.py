@@ -159,12 +159,9 @@ def write_file(
         if temporary and isinstance(error, ValueError):
             raise
         text = f"cannot be written: {getattr(error, 'strerror', None) or error}"
-        if what:
-            notice = Notice(code="output.unwritable", text=f"{what} {text}", file=str(path))
-        else:
-            text += "; name a file in a folder that exists and is yours"
-            notice = Notice(code="output.write", text=text, file=str(path))
-        raise OutputError(notice) from error
+        text = f"{what} {text}" if what else f"{text}; name a file in a folder that exists and is yours"
+        code = "output.unwritable" if what else "output.write"
+        raise OutputError(Notice(code=code, text=text, file=str(path))) from error
     finally:
         if temporary:
             Path(temporary).unlink(missing_ok=True)
@@ -185,21 +182,15 @@ def locate_resource_folder(name: str) -> Path:
     for place in places:
         if place.is_dir():
             return place
-    text = (
-        f"the folder {name!r} of symid is missing, searched {places[0]} and {places[1]}; install symid again"
-    )
+    searched = " and ".join(map(str, places))
+    text = f"the folder {name!r} of symid is missing, searched {searched}; install symid again"
     raise SymidError(Notice(code="symid.missing-resource", text=text))
 
 
 THREAD_VARIABLES = (
-    "OMP_NUM_THREADS",
-    "OPENBLAS_NUM_THREADS",
-    "MKL_NUM_THREADS",
-    "BLIS_NUM_THREADS",
-    "VECLIB_MAXIMUM_THREADS",
+    *("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"),
+    *("BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"),
 )
-
-
 KEEP_MEMORY = {"MALLOC_MMAP_THRESHOLD_": str(32 << 20), "MALLOC_TRIM_THRESHOLD_": str(256 << 20)}
 """For processes that fit log after log: bytes from which the C library maps an array alone, and that it keeps
 when they are free (glibc; others ignore it). Dask's workers have 64 kB: pages that are given back after each
@@ -215,20 +206,15 @@ _WORTH_SAYING = 2.0
 """Seconds left from which on they are said."""
 
 
-def report_count(
-    progress: Callable[[str], None], what: str = "", *, clock: Callable[[], float] = time.monotonic
-) -> Callable[[int, int], None]:
+def report_count(progress: Callable[[str], None], what: str = "") -> Callable[[int, int], None]:
     """Return a callback for (done, count) that reports both, and how long the rest will take.
 
-    Args:
-        progress: called with a text such as "3 of 40, 25 s left".
-        what: is counted, a word before the numbers.
-        clock: in s.
+    `progress` is called with a text such as "3 of 40, 25 s left"; `what` is counted, a word before it.
     """
-    start = clock()
+    start = time.monotonic()
 
     def report(done: int, count: int) -> None:
-        left = (clock() - start) * (count - done) / done if done else 0.0
+        left = (time.monotonic() - start) * (count - done) / done if done else 0.0
         rest = f", {describe_duration(left)} left" if left >= _WORTH_SAYING else ""
         progress(f"{what} {done} of {count}{rest}".strip())
 

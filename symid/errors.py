@@ -23,27 +23,15 @@ from typing import ClassVar
 NOTES = frozenset(
     (
         *("check.elastic", "elastic.known", "elastic.motor-side", "elastic.spring-kind"),
-        "export.source-edited",
-        "estimate.settings-differ",
+        *("export.source-edited", "estimate.settings-differ"),
         *("identify.automatic", "identify.friction-state", "identify.second-encoder", "identify.slow-rows"),
         *("identify.measured-load", "identify.plain-friction", "identify.bad-rows"),
-        "identify.unused-processing",
-        "lesson.not-executed",
-        *(
-            "log.aligned",
-            "log.converted",
-            "log.cut",
-            "log.delay-refuted",
-            "log.folded",
-            "log.in-line",
-            "log.motor-position",
-        ),
-        *("log.offset", "log.payload", "log.resampled", "log.topic-read", "log.incomplete-messages"),
-        "log.wraps",
+        *("identify.unused-processing", "lesson.not-executed"),
+        *("log.aligned", "log.converted", "log.cut", "log.delay-refuted", "log.folded", "log.in-line"),
+        *("log.motor-position", "log.offset", "log.payload", "log.resampled", "log.topic-read", "log.wraps"),
+        "log.incomplete-messages",
         *("new.assumed-gear", "new.assumed-order", "new.assumed-side", "new.gravity"),
-        "new.friction-kept",
-        *("new.preset", "new.unused-columns"),
-        "payload.controller-scope",
+        *("new.friction-kept", "new.preset", "new.unused-columns", "payload.controller-scope"),
         *("robot.assumed-gravity", "robot.cut-off", "robot.default-axis", "robot.elastic-joint"),
         *("robot.endless-limits", "robot.fixed-to-base", "robot.follower-still", "robot.lumped"),
         *("robot.mjcf-unused", "robot.not-rounded", "robot.renamed", "robot.rounding-price"),
@@ -99,19 +87,13 @@ SEVERE = (
     *("log.gap", "log.jitter", "validate.fitted-log"),
     *("identify.impossible-mass", "elastic.outcome", "elastic.not-converged", "identify.huber-not-converged"),
     *("identify.no-filter", "identify.low-cutoff", "identify.biased-wls", "identify.moving-ends"),
-    *("identify.tracking", "identify.structure"),
-    *("identify.pattern", "friction.pattern"),
+    *("identify.tracking", "identify.structure", "identify.pattern", "friction.pattern"),
 )
 """Codes of warnings, the most important first: what makes values wrong stands before what blurs them."""
 MILD = (
-    *(
-        "elastic.not-identifiable",
-        "log.not-excited",
-        "identify.poorly-identifiable",
-        "elastic.poorly-identifiable",
-        "log.standstill",
-    ),
-    *("identify.refused", "friction.refused", "friction.joint-refused", "log.no-reference"),
+    *("elastic.not-identifiable", "log.not-excited", "identify.poorly-identifiable"),
+    *("elastic.poorly-identifiable", "log.standstill", "identify.refused", "friction.refused"),
+    *("friction.joint-refused", "log.no-reference"),
     *("robot.no-values", "codegen.cache-rebuilt", "codegen.cache-temporary"),
 )
 """Codes of warnings behind all others, the least important last: what tables say too, what is not used."""
@@ -122,13 +104,13 @@ _NAMED = 3
 """Files of a merged notice that are named."""
 
 
+_RANKS = {code: place for place, code in enumerate((*SEVERE, "", *MILD))}
+"""Places of codes among others, the empty one that of all that are not listed."""
+
+
 def rank_notice(notice: Notice) -> int:
     """Return the place of a notice among others by its code: severe warnings, others, mild ones, notes."""
-    if notice.is_note:
-        return len(SEVERE) + len(MILD) + 1
-    if notice.code in SEVERE:
-        return SEVERE.index(notice.code)
-    return len(SEVERE) + (1 + MILD.index(notice.code) if notice.code in MILD else 0)
+    return len(_RANKS) if notice.is_note else _RANKS.get(notice.code, _RANKS[""])
 
 
 def sort_notices(notices: Iterable[Notice]) -> tuple[Notice, ...]:
@@ -136,37 +118,19 @@ def sort_notices(notices: Iterable[Notice]) -> tuple[Notice, ...]:
     return tuple(sorted(dict.fromkeys(notices), key=rank_notice))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ArrangedNotices:
-    """What is printed of notices: `warnings`, how many `more` there are, and `notes`."""
+def list_notice_lines(
+    notices: Iterable[Notice], sources: Collection[str], where: str, *, most: int | None = MOST_WARNINGS
+) -> Iterator[tuple[str, str]]:
+    """Yield kind and text of what is printed: `most` warnings, how many more there are, and notes, each once.
 
-    warnings: tuple[Notice, ...]
-    more: int
-    notes: tuple[Notice, ...]
-
-    def list_lines(self, where: str) -> Iterator[tuple[str, str]]:
-        """Yield kind and text of every line; `where` says how the other warnings are seen."""
-        yield from (("warning", str(entry)) for entry in self.warnings)
-        if self.more:
-            yield "warning", f"and {self.more} more warning{'s'[: self.more > 1]}: {where}"
-        yield from (("note", str(entry)) for entry in self.notes)
-
-
-def arrange_notices(
-    notices: Iterable[Notice], *, most: int | None = MOST_WARNINGS, sources: Collection[str] = ()
-) -> ArrangedNotices:
-    """Return the notices in their order, each once; what is the same for several logs is one notice.
-
-    Args:
-        notices: warnings and notes.
-        most: warnings to keep; None for all.
-        sources: all logs, so that what holds for each of them can be said so.
+    `sources` are all logs, as for `merge_notices`; `where` says how the other warnings are seen.
     """
     merged = merge_notices(notices, sources)
-    warnings = [entry for entry in merged if not entry.is_note]
-    kept = tuple(warnings[:most])
-    notes = tuple(entry for entry in merged if entry.is_note)
-    return ArrangedNotices(warnings=kept, more=len(warnings) - len(kept), notes=notes)
+    warnings = [("warning", str(entry)) for entry in merged if not entry.is_note]
+    yield from warnings[:most]
+    if more := len(warnings) - len(warnings[:most]):
+        yield "warning", f"and {more} more warning{'s'[: more > 1]}: {where}"
+    yield from (("note", str(entry)) for entry in merged if entry.is_note)
 
 
 def merge_notices(notices: Iterable[Notice], sources: Collection[str] = ()) -> tuple[Notice, ...]:

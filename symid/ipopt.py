@@ -21,7 +21,7 @@ import numpy as np
 
 from symid.arrays import FloatArray
 
-LINEAR_SOLVER = "mumps"
+_Map = Callable[[FloatArray], FloatArray]
 
 
 class Ending(Enum):
@@ -83,8 +83,8 @@ class Constraints:
     Bounds (m,) are infinite where there is none.
     """
 
-    value: Callable[[FloatArray], FloatArray]
-    jacobian: Callable[[FloatArray], FloatArray]
+    value: _Map
+    jacobian: _Map
     pattern: np.ndarray[tuple[int, ...], np.dtype[np.bool_]]
     lower: FloatArray
     upper: FloatArray
@@ -102,27 +102,22 @@ class SmoothProblem:
     """
 
     value: Callable[[FloatArray], float]
-    gradient: Callable[[FloatArray], FloatArray]
+    gradient: _Map
     lower: FloatArray
     upper: FloatArray
-    hessian: Callable[[FloatArray], FloatArray] | None = None
+    hessian: _Map | None = None
     constraints: Constraints | None = None
 
     def scale(self, scales: FloatArray) -> "SmoothProblem":
         """Return the same problem in unknowns z = x / scales (n,)."""
 
-        def stretch(
-            function: Callable[[FloatArray], FloatArray], factors: FloatArray
-        ) -> Callable[[FloatArray], FloatArray]:
+        def stretch(function: _Map, factors: FloatArray | float = 1.0) -> _Map:
             return lambda z: function(z * scales) * factors
 
         hessian, constraints = self.hessian, self.constraints
         if constraints is not None:
-            constraints = replace(
-                constraints,
-                value=stretch(constraints.value, np.ones(1)),
-                jacobian=stretch(constraints.jacobian, scales),
-            )
+            value, jacobian = stretch(constraints.value), stretch(constraints.jacobian, scales)
+            constraints = replace(constraints, value=value, jacobian=jacobian)
         return SmoothProblem(
             value=lambda z: self.value(z * scales),
             gradient=stretch(self.gradient, scales),
@@ -195,11 +190,7 @@ def minimise(
 ) -> IpoptRun:
     """Return where Ipopt ends; `start` itself, as a failure, where it returns no finite numbers.
 
-    Args:
-        problem: functions and bounds.
-        start: x (n,), moved between the bounds where it is outside.
-        options: tolerance, limit of iterations, barrier.
-        scales: (n,) units of x per scaled unknown.
+    `start` is moved between the bounds where it is outside; `scales` (n,) are units of x per scaled unknown.
     """
     import casadi
 
@@ -208,15 +199,14 @@ def minimise(
     # The functions must live as long as the solver.
     functions = _build_functions(scaled)
     unknowns = casadi.MX.sym("x", len(start))
-    expressions = {"x": unknowns, "f": functions["f"](unknowns)}
+    expressions = {"x": unknowns} | {
+        name: functions[name](unknowns) for name in ("f", "g") if name in functions
+    }
     bounds = {}
     if scaled.constraints is not None:
-        expressions["g"] = functions["g"](unknowns)
         bounds = {"lbg": scaled.constraints.lower, "ubg": scaled.constraints.upper}
-    settings = {
-        **{name: function for name, function in functions.items() if name not in expressions},
-        "ipopt": _list_settings(options, exact=scaled.hessian is not None),
-    }
+    settings = {name: function for name, function in functions.items() if name not in expressions}
+    settings["ipopt"] = _list_settings(options, exact=scaled.hessian is not None)
     return _run(problem, start, units, (expressions, bounds, settings))
 
 
@@ -269,7 +259,7 @@ def _list_settings(options: IpoptOptions, *, exact: bool) -> dict[str, Any]:
     settings = {
         "print_level": 0,
         "sb": "yes",
-        "linear_solver": LINEAR_SOLVER,
+        "linear_solver": "mumps",
         "nlp_scaling_method": "none",
         "bound_relax_factor": 0.0,
         "tol": options.tolerance,
@@ -289,14 +279,15 @@ def _build_functions(problem: SmoothProblem) -> dict[str, Any]:
 
     size, constraints, hessian = len(problem.lower), problem.constraints, problem.hessian
     build, dense = _load_callback_class(), casadi.Sparsity.dense
-    x, one, none = ("x", dense(size, 1)), dense(1, 1), dense(0, 0)
+    # Beside x functions take parameters, of which there are none; derivatives come after the values.
+    x, one, none = dense(size, 1), dense(1, 1), dense(0, 0)
 
     def compute_gradient(z: FloatArray) -> list[Any]:
         return [problem.value(z), casadi.DM(problem.gradient(z))]
 
     functions = {
-        "f": build("value", (x,), (("f", one),), lambda z: [problem.value(z)]),
-        "grad_f": build("gradient", (x, ("p", none)), (("f", one), ("grad_f_x", x[1])), compute_gradient),
+        "f": build("value", (x,), (one,), lambda z: [problem.value(z)]),
+        "grad_f": build("gradient", (x, none), (one, x), compute_gradient),
     }
     if hessian is not None:
         upper = casadi.Sparsity.upper(size)
@@ -306,8 +297,8 @@ def _build_functions(problem: SmoothProblem) -> dict[str, Any]:
         def compute_hessian(z: FloatArray, factor: float) -> list[Any]:
             return [casadi.DM(upper, factor * hessian(z)[rows, columns])]
 
-        takes = (x, ("p", none), ("lam_f", one), ("lam_g", none))
-        functions["hess_lag"] = build("hessian", takes, (("triu_hess_gamma_x_x", upper),), compute_hessian)
+        # Of the factor of f and of those of constraints.
+        functions["hess_lag"] = build("hessian", (x, none, one, none), (upper,), compute_hessian)
     if constraints is not None:
         columns, rows = np.nonzero(constraints.pattern.T)
         many = dense(len(constraints.lower), 1)
@@ -317,17 +308,14 @@ def _build_functions(problem: SmoothProblem) -> dict[str, Any]:
             entries = constraints.jacobian(z)[rows, columns]
             return [casadi.DM(constraints.value(z)), casadi.DM(pattern, entries)]
 
-        functions["g"] = build(
-            "constraints", (x,), (("g", many),), lambda z: [casadi.DM(constraints.value(z))]
-        )
-        functions["jac_g"] = build(
-            "jacobian", (x, ("p", none)), (("g", many), ("jac_g_x", pattern)), compute_jacobian
-        )
+        functions["g"] = build("constraints", (x,), (many,), lambda z: [casadi.DM(constraints.value(z))])
+        functions["jac_g"] = build("jacobian", (x, none), (many, pattern), compute_jacobian)
     return functions
 
 
-_Slots = tuple[tuple[str, Any], ...]
-"""Name and CasADi sparsity of every argument, or of every result."""
+_Sparsity = Any
+_Slots = tuple[_Sparsity, ...]
+"""CasADi's sparsity of every argument, or of every result."""
 
 
 @cache
@@ -336,7 +324,7 @@ def _load_callback_class() -> Callable[[str, _Slots, _Slots, Callable[..., list[
     import casadi
 
     class NumpyFunction(casadi.Callback):
-        """A function with named arguments and results of known sparsity."""
+        """A function with arguments and results of known sparsity."""
 
         def __init__(
             self, name: str, takes: _Slots, gives: _Slots, evaluate: Callable[..., list[Any]]
@@ -351,21 +339,14 @@ def _load_callback_class() -> Callable[[str, _Slots, _Slots, Callable[..., list[
         def get_n_out(self) -> int:
             return len(self.gives)
 
-        def get_name_in(self, place: int) -> str:
-            return self.takes[place][0]
+        def get_sparsity_in(self, place: int) -> _Sparsity:
+            return self.takes[place]
 
-        def get_name_out(self, place: int) -> str:
-            return self.gives[place][0]
-
-        def get_sparsity_in(self, place: int) -> Any:  # noqa: ANN401  # of casadi
-            return self.takes[place][1]
-
-        def get_sparsity_out(self, place: int) -> Any:  # noqa: ANN401  # the same
-            return self.gives[place][1]
+        def get_sparsity_out(self, place: int) -> _Sparsity:
+            return self.gives[place]
 
         def eval(self, arguments: Sequence[Any]) -> list[Any]:
             x = np.array(arguments[0], dtype=np.float64).ravel()
-            factors = [float(arguments[2])] if len(arguments) > len(("x", "p")) else []
-            return self.evaluate(x, *factors)
+            return self.evaluate(x, *map(float, arguments[2:3]))
 
     return NumpyFunction

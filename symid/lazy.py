@@ -13,12 +13,7 @@ __all__ = ["load_names"]
 
 
 def load_names(package: str, file: str) -> tuple[Callable[[str], object], Callable[[], list[str]], list[str]]:
-    """Return `__getattr__`, `__dir__` and `__all__` of a package, from the imports in its own file.
-
-    Args:
-        package: its dotted name, `__name__`.
-        file: its source, `__file__`.
-    """
+    """Return `__getattr__`, `__dir__` and `__all__` of a package, from the imports in its own `file`."""
     tree = ast.parse(Path(file).read_text(encoding="utf-8"))
     blocks = (node.body for node in tree.body if isinstance(node, ast.If))
     imports = [node for block in blocks for node in block if isinstance(node, ast.ImportFrom)]

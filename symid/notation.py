@@ -14,14 +14,8 @@ INERTIAL = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 """Standard parameters of a link, about the link frame's origin, in this order."""
 
 HYSTERESIS_MODELS = (
-    "prandtl-ishlinskii",
-    "modified-prandtl-ishlinskii",
-    "nonlinear-stops",
-    "krasnoselskii-pokrovskii",
-    "bouc-wen",
-    "dahl",
-    "lugre",
-    "maxwell-slip",
+    *("prandtl-ishlinskii", "modified-prandtl-ishlinskii", "nonlinear-stops", "krasnoselskii-pokrovskii"),
+    *("bouc-wen", "dahl", "lugre", "maxwell-slip"),
 )
 """Names of models of elements with hysteresis."""
 
@@ -116,34 +110,19 @@ def get_unit(name: str, *, prismatic: bool = False) -> str:
 
 _TURN = 2 * math.pi
 _DEGREE = math.pi / 180
-
+_A_MINUTE = dict.fromkeys(("rpm", "rev/min"), _TURN / 60)
+_MOMENTS = (("N", "m", 1.0), ("mN", "m", 1e-3), ("N", "cm", 1e-2), ("kN", "m", 1e3))
 _FACTORS = {
     # `SI` stands for rad or m, N m or N, whichever the joint has.
     "SI": {"SI": 1.0},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     "angle": {"rad": 1.0, "mrad": 1e-3, "deg": _DEGREE, "rev": _TURN},
     "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
-    "angular velocity": {
-        "rad/s": 1.0,
-        "mrad/s": 1e-3,
-        "deg/s": _DEGREE,
-        "rev/s": _TURN,
-        "rpm": _TURN / 60,
-        "rev/min": _TURN / 60,
-    },
+    "angular velocity": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": _DEGREE, "rev/s": _TURN, **_A_MINUTE},
     "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3},
     "angular acceleration": {"rad/s^2": 1.0, "deg/s^2": _DEGREE},
     "acceleration": {"m/s^2": 1.0, "mm/s^2": 1e-3},
-    "torque": {
-        "N m": 1.0,
-        "Nm": 1.0,
-        "mN m": 1e-3,
-        "mNm": 1e-3,
-        "N cm": 1e-2,
-        "Ncm": 1e-2,
-        "kN m": 1e3,
-        "kNm": 1e3,
-    },
+    "torque": {f"{one}{gap}{m}": x for one, m, x in _MOMENTS for gap in (" ", "")},
     "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
     "voltage": {"V": 1.0, "mV": 1e-3},
     "current": {"A": 1.0, "mA": 1e-3},

@@ -14,10 +14,10 @@ Loads nothing heavy: the command line reads the records before it knows what to 
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from os import PathLike
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, TypeAlias, TypeVar
 
 from symid.errors import Notice, UsageError
 from symid.notation import HYSTERESIS_MODELS
@@ -98,11 +98,7 @@ ABOVE, NOT_BELOW = number(above=0.0), number(0.0)
 
 
 def check_value(name: str, value: object, kind: Kind) -> None:
-    """Refuse an argument that is not of its kind; None is accepted.
-
-    Raises:
-        UsageError: the value is refused.
-    """
+    """Refuse an argument that is not of its kind by a UsageError; None is accepted."""
     expected = "" if value is None else kind.describe_mistake(value)
     if expected:
         raise UsageError(Notice(code="usage.range", text=f"{name}={value!r}: expected {expected}"))
@@ -122,40 +118,46 @@ class Option:
     meaning: str
     group: str
     kind: Kind
-    metavar: str | None
-    flag: str | None
-    shown: bool
-    code: str
+    metavar: str | None = None
+    flag: str | None = None
+    shown: bool = True
+    code: str = "usage.range"
 
     def name_flag(self, name: str) -> str:
         """Return the name on the command line of the field called `name`."""
         return f"--{name.replace('_', '-')}" if self.flag is None else self.flag
 
 
+Value: TypeAlias = Any
+"""What a field of a record holds; the record says its type."""
+
+
 def option(
-    default: Any,  # noqa: ANN401  of the field
-    meaning: str,
-    group: str,
-    kind: Kind,
-    metavar: str | None = None,
-    *,
-    flag: str | None = None,
-    shown: bool = True,
-    code: str = "usage.range",
-) -> Any:  # noqa: ANN401  as `dataclasses.field`
-    """Return a field of a record; `flag` is None for that of the field's name. See `Option`."""
-    about = Option(
-        meaning=meaning, group=group, kind=kind, metavar=metavar, flag=flag, shown=shown, code=code
-    )
+    default: Value, meaning: str, group: str, kind: Kind, metavar: str | None = None, **more: Value
+) -> Value:
+    """Return a field of a record; `more` are `flag`, `shown` and `code` of `Option`."""
+    about = Option(meaning=meaning, group=group, kind=kind, metavar=metavar, **more)
     return field(default=default, metadata={"option": about})
 
 
-def inner(default: Any, meaning: str, kind: Kind = TEXT, *, code: str = "usage.range") -> Any:  # noqa: ANN401  as `option`
+def _below(group: str) -> Callable[..., Value]:
+    """Return what makes fields below a heading, as `option` without its `group`."""
+
+    def build(default: Value, meaning: str, kind: Kind, metavar: str | None = None, **more: Value) -> Value:
+        return option(default, meaning, group, kind, metavar, **more)
+
+    return build
+
+
+_input, _processing, _model, _method, _output = map(_below, (INPUT, PROCESSING, MODEL, METHOD, OUTPUT))
+
+
+def inner(default: Value, meaning: str, kind: Kind = TEXT, **more: Value) -> Value:
     """Return a field of a record that the command line does not have."""
-    return option(default, meaning, "", kind, flag="", code=code)
+    return option(default, meaning, "", kind, flag="", **more)
 
 
-def share(record: "type[Options]", name: str) -> Any:  # noqa: ANN401  as `option`
+def share(record: "type[Options]", name: str) -> Value:
     """Return the field of another record."""
     entry = record.__dataclass_fields__[name]
     return field(default=entry.default, metadata=entry.metadata)
@@ -196,11 +198,8 @@ class Options:
             value = given.tolist() if hasattr(given, "tolist") else given
             if kind.many and isinstance(value, int | float | str):
                 value = (value,)
-            if (
-                (kind.many or kind.name == "numbers")
-                and isinstance(value, Sequence)
-                and not isinstance(value, str)
-            ):
+            listed = kind.many or kind.name == "numbers"
+            if listed and isinstance(value, Sequence) and not isinstance(value, str):
                 value = tuple(part.tolist() if hasattr(part, "tolist") else part for part in value)
             if value is not given:
                 object.__setattr__(self, entry.name, value)
@@ -229,11 +228,7 @@ R = TypeVar("R", bound=Options)
 
 
 def merge(options: R | None, default: R, **given: object) -> R:
-    """Return options with the keywords that a call was given; None stands for one that was not.
-
-    Raises:
-        UsageError: a value is refused.
-    """
+    """Return options with the keywords that a call was given; None stands for one that was not."""
     return replace(options or default, **{name: value for name, value in given.items() if value is not None})
 
 
@@ -250,55 +245,46 @@ class ExciteOptions(Options):
         2.0
     """
 
-    harmonics: int = option(5, "Number of harmonics of each joint.", METHOD, whole(1), "N")
-    period: float = option(10.0, "Length of the trajectory, s.", METHOD, ABOVE, "S")
-    criterion: Literal["condition", "d-optimal"] = option(
+    harmonics: int = _method(5, "Number of harmonics of each joint.", whole(1), "N")
+    period: float = _method(10.0, "Length of the trajectory, s.", ABOVE, "S")
+    criterion: Literal["condition", "d-optimal"] = _method(
         "condition",
         "Minimise the condition number of the column-scaled regressor, or maximise the information.",
-        METHOD,
         words("condition", "d-optimal"),
     )
-    weight: float = option(
-        0.1, "Weight of the information; the condition number alone favours tiny motions.", METHOD, NOT_BELOW
+    weight: float = _method(
+        0.1, "Weight of the information; the condition number alone favours tiny motions.", NOT_BELOW
     )
-    moving: bool = option(False, "Let it start and end in motion instead of at rest.", METHOD, FLAG)
-    start: Sequence[float] | None = option(
-        None, "Pose at the start and at the end, rad or m.", METHOD, NUMBERS, "Q1,Q2,..."
+    moving: bool = _method(False, "Let it start and end in motion instead of at rest.", FLAG)
+    start: Sequence[float] | None = _method(
+        None, "Pose at the start and at the end, rad or m.", NUMBERS, "Q1,Q2,..."
     )
-    share: float = option(0.95, "Part of every limit that may be used.", MODEL, number(above=0.0, most=1.0))
-    sweep: float = option(1.0, f"Position limit on either side of zero {_UNSTATED}, rad or m.", MODEL, ABOVE)
-    velocity: float = option(2.0, f"Velocity limit {_UNSTATED}, rad/s or m/s.", MODEL, ABOVE)
-    acceleration: float = option(10.0, f"Acceleration limit {_UNSTATED}, rad/s^2 or m/s^2.", MODEL, ABOVE)
-    jerk: float | None = option(
-        None, f"Jerk limit {_UNSTATED}, rad/s^3 or m/s^3.  [default: none]", MODEL, ABOVE
+    share: float = _model(0.95, "Part of every limit that may be used.", number(above=0.0, most=1.0))
+    sweep: float = _model(1.0, f"Position limit on either side of zero {_UNSTATED}, rad or m.", ABOVE)
+    velocity: float = _model(2.0, f"Velocity limit {_UNSTATED}, rad/s or m/s.", ABOVE)
+    acceleration: float = _model(10.0, f"Acceleration limit {_UNSTATED}, rad/s^2 or m/s^2.", ABOVE)
+    jerk: float | None = _model(None, f"Jerk limit {_UNSTATED}, rad/s^3 or m/s^3.  [default: none]", ABOVE)
+    workspace: str | PathLike[str] | None = _input(
+        None, "File (.toml) of spheres and planes that bound the links.", FOUND, "FILE"
     )
-    workspace: str | PathLike[str] | None = option(
-        None, "File (.toml) of spheres and planes that bound the links.", INPUT, FOUND, "FILE"
-    )
-    torsion: float | None = option(None, "Largest torsion of elastic joints, rad or m.", MODEL, ABOVE, "RAD")
-    stiffness: Sequence[float] | None = option(
+    torsion: float | None = _model(None, "Largest torsion of elastic joints, rad or m.", ABOVE, "RAD")
+    stiffness: Sequence[float] | None = _model(
         None,
         "Stiffness of all joints for --torsion; replaces that of the robot file, N m/rad or N/m.",
-        MODEL,
         NUMBERS,
         "K1,K2,...",
     )
-    deviations: Sequence[float] | None = option(
+    deviations: Sequence[float] | None = _method(
         None,
         "Standard deviations of the torque noise, one a joint, N m or N.  [default: all equal]",
-        METHOD,
         NUMBERS,
         "S1,S2,...",
     )
-    candidates: int = option(
-        1000,
-        "Number of random feasible trajectories to start from and to compare with.",
-        METHOD,
-        whole(1),
-        "N",
+    candidates: int = _method(
+        1000, "Number of random feasible trajectories to start from and to compare with.", whole(1), "N"
     )
-    starts: int = option(10, "Number of candidates that are optimised.", METHOD, whole(1), "N")
-    seed: int = option(1, "Random seed.", METHOD, whole(), "N")
+    starts: int = _method(10, "Number of candidates that are optimised.", whole(1), "N")
+    seed: int = _method(1, "Random seed.", whole(), "N")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -312,66 +298,60 @@ class SimulateOptions(Options):
         (251, 2)
     """
 
-    scale: float = option(
-        1.0, "Factor on the trajectory's amplitudes.", METHOD, ABOVE, "FACTOR", code="usage.trajectory-scale"
+    scale: float = _method(
+        1.0, "Factor on the trajectory's amplitudes.", ABOVE, "FACTOR", code="usage.trajectory-scale"
     )
-    joint: int = option(1, "Number of the joint that tb moves, without mimic joints.", METHOD, whole(1))
-    duration: float | None = option(
+    joint: int = _method(1, "Number of the joint that tb moves, without mimic joints.", whole(1))
+    duration: float | None = _method(
         None,
         "Length of the experiment, s.  [default: that of the trajectory]",
-        METHOD,
         ABOVE,
         "S",
         code="usage.trajectory",
     )
-    noise: float | None = option(
+    noise: float | None = _model(
         None,
         "Standard deviation of the torque sensors, N m or N.  [default: 0.05; of an elastic robot 2 % "
         "of each joint's RMS torque]",
-        MODEL,
         NOT_BELOW,
         "N",
     )
-    clean: bool = option(False, "Simulate perfect sensors: no noise, no encoder steps.", MODEL, FLAG)
-    delay: float = option(
+    clean: bool = _model(False, "Simulate perfect sensors: no noise, no encoder steps.", FLAG)
+    delay: float = _model(
         0.0,
         "Elastic robots only: delay of the link encoders relative to the motor encoders, s.",
-        MODEL,
         number(),
         "S",
         shown=False,
     )
-    offset: float = option(
+    offset: float = _model(
         0.0,
         "Elastic robots only: reading of the link encoders at zero, rad or m.",
-        MODEL,
         number(),
         "RAD",
         shown=False,
     )
-    bandwidth: float | None = option(
+    bandwidth: float | None = _method(
         None,
         "Bandwidth of the gains, Hz.  [default: 12, or less where the loops would not be stable; the gains "
         "of the robot file]",
-        METHOD,
         ABOVE,
         "HZ",
     )
-    control_period: float | None = option(
+    control_period: float | None = _method(
         None,
         "Period of control and log, s.  [default: 0.001; of an elastic robot with --clean 0.0002]",
-        METHOD,
         ABOVE,
         "S",
         flag="--period",
     )
-    stiffness: Sequence[float] | None = option(
-        None, "Own position gains, N m/rad or N/m; with --damping.", METHOD, NUMBERS, "K1,K2,..."
+    stiffness: Sequence[float] | None = _method(
+        None, "Own position gains, N m/rad or N/m; with --damping.", NUMBERS, "K1,K2,..."
     )
-    damping: Sequence[float] | None = option(
-        None, "Own velocity gains, N m s/rad or N s/m.", METHOD, NUMBERS, "D1,D2,..."
+    damping: Sequence[float] | None = _method(
+        None, "Own velocity gains, N m s/rad or N s/m.", NUMBERS, "D1,D2,..."
     )
-    seed: int = option(1, "Random seed.", METHOD, whole(), "N")
+    seed: int = _method(1, "Random seed.", whole(), "N")
 
 
 Precision = Literal["double", "float"]
@@ -383,41 +363,37 @@ Target = Literal["c", "python", "casadi", "js"]
 class GenerateOptions(Options):
     """All that fixes generated code besides the robot."""
 
-    target: Target = option(
+    target: Target = _output(
         "c",
         "What to write: a C library, a module of NumPy or JavaScript, or CasADi functions, their C and a "
         "loader.",
-        OUTPUT,
         words("c", "python", "casadi", "js"),
         code="usage.target",
     )
-    precision: Precision = option(
-        "double", "Type of all numbers in C.", OUTPUT, words("double", "float"), code="usage.precision"
+    precision: Precision = _output(
+        "double", "Type of all numbers in C.", words("double", "float"), code="usage.precision"
     )
-    parameters: Literal["base", "standard"] = option(
+    parameters: Literal["base", "standard"] = _model(
         "base",
         "Arguments of the functions: base parameters beta, or all standard parameters pi.",
-        MODEL,
         words("base", "standard"),
         code="usage.parameters",
     )
-    constant: bool = option(False, "Use the robot file's values as constants in the functions.", MODEL, FLAG)
-    trigonometry: Literal["own", "library"] = option(
+    constant: bool = _model(False, "Use the robot file's values as constants in the functions.", FLAG)
+    trigonometry: Literal["own", "library"] = _output(
         "own",
         "Sines in C: own code for all angles at once, or calls of the C library.",
-        OUTPUT,
         words("own", "library"),
         code="usage.trigonometry",
     )
-    functions: tuple[str, ...] | None = option(
+    functions: tuple[str, ...] | None = _output(
         None,
         "Write only this function; may be repeated.",
-        OUTPUT,
         Kind(name="text", many=True),
         "NAME",
         flag="--function",
     )
-    friction_laws: bool = option(False, "Add all static friction laws to the C library.", OUTPUT, FLAG)
+    friction_laws: bool = _output(False, "Add all static friction laws to the C library.", FLAG)
     states: int = inner(100, "Number of random states in the self-test.", whole(1), code="usage.states")
     seed: int = inner(1, "Of the generator that draws them.", whole())
 
@@ -447,19 +423,17 @@ class GenerateOptions(Options):
 class ExportOptions(Options):
     """Options of `Fit.export`."""
 
-    precision: Precision = option(
+    precision: Precision = _output(
         "double",
         "Type of the numbers in a C header: that of the generated library.",
-        OUTPUT,
         words("double", "float"),
         code="usage.export-precision",
     )
-    accept: bool = option(False, "Write the file although the verdict on ESTIMATE is wrong.", OUTPUT, FLAG)
-    limit: float | None = option(
+    accept: bool = _output(False, "Write the file although the verdict on ESTIMATE is wrong.", FLAG)
+    limit: float | None = _output(
         None,
         "Percent of each joint's torque that the bodies may differ from ESTIMATE by, where none have its "
         "values; default: 0.5, or 0.45 times the held-out residual.",
-        OUTPUT,
         Kind(name="percent", least=0.0),
         "PERCENT",
     )
@@ -472,48 +446,40 @@ _ROWS = ("torque", "momentum", "filtered", "power", "energy")
 class RigidOptions(Options):
     """Options of rows and estimators; None, or nothing, where not given. See `IdentifyOptions`."""
 
-    rows: str | None = option(
+    rows: str | None = _method(
         None,
         "Equations built from measurements; friction: a friction law for every joint that moves.  "
         "[default: torque]",
-        METHOD,
         words(*_ROWS, beside=("friction",)),
         code="usage.unknown-rows",
     )
-    estimator: str | None = option(
+    estimator: str | None = _method(
         None,
         "Estimator of the parameters: ols, wls, filtered-instrumental, gls, huber, ridge, consistent, "
         "sequential, output-error or instrumental; with --rows friction varpro, root-finding, nlp, genetic, "
         "annealing or differential-evolution.  [default: chosen from the logs, varpro]",
-        METHOD,
         TEXT,
         "NAME",
     )
-    partial: bool = option(
-        False,
-        "Fit the identifiable parameters, even if they are less than three quarters of all.",
-        METHOD,
-        FLAG,
+    partial: bool = _method(
+        False, "Fit the identifiable parameters, even if they are less than three quarters of all.", FLAG
     )
-    overlap: float | None = option(
+    overlap: float | None = _method(
         None,
         "Momentum and energy rows: part of a window shared with the next one.  [default: 0]",
-        METHOD,
         number(0.0, 0.95),
         "PART",
     )
-    prior: object = option(
+    prior: object = _method(
         None,
         "Ridge: an earlier estimate as prior, or robot for the robot file's values.  [default: robot]",
-        METHOD,
         TEXT,
         "ESTIMATE",
     )
-    prior_percent: float | None = option(
+    prior_percent: float | None = _method(
         None,
         "Ridge: standard deviation of the prior, in percent of the robot file's values, or as a factor "
         "on an estimate's deviations.  [default: 20 %; 1]",
-        METHOD,
         ABOVE,
         "X",
         flag="--prior-deviation",
@@ -527,33 +493,28 @@ class RigidOptions(Options):
         flag="--prior-deviation",
         code="usage.prior",
     )
-    prior_weight: float | None = option(
+    prior_weight: float | None = _method(
         None,
         "Ridge: 1 to use the prior's deviations as stated, 0 for no prior.  [default: cross-validated]",
-        METHOD,
         NOT_BELOW,
         "W",
         code="usage.prior",
     )
-    start: object = option(
+    start: object = _method(
         None,
         "Output error and instrumental: an estimate of the same model as initial values.  [default: a "
         "fit of the same logs]",
-        METHOD,
         TEXT,
         "ESTIMATE",
     )
-    period: tuple[float, ...] = option(
+    period: tuple[float, ...] = _processing(
         (),
         "Period of a repeated motion (s), one for all logs or one for each: average over the periods "
         "(--rows friction), or use their differences as noise (--estimator gls).",
-        PROCESSING,
         number(above=0.0, many=True),
         "S",
     )
-    window: float | None = option(
-        None, "Length of a momentum, filtered or energy row (s).", METHOD, ABOVE, "S"
-    )
+    window: float | None = _method(None, "Length of a momentum, filtered or energy row (s).", ABOVE, "S")
 
     def list_given(self) -> tuple[str, ...]:
         """Return the options that were given, as the command line calls them, the windows' length apart."""
@@ -567,26 +528,18 @@ class RigidOptions(Options):
 class PayloadOptions(Options):
     """Options of `RobotModel.payload`."""
 
-    joint: str | None = option(
-        None, "Joint of the link with the payload.  [default: the last joint]", MODEL, TEXT, "NAME"
+    joint: str | None = _model(
+        None, "Joint of the link with the payload.  [default: the last joint]", TEXT, "NAME"
     )
-    mass: float | None = option(
-        None,
-        "Known mass, for example from a balance; it reduces the other uncertainties.",
-        MODEL,
-        ABOVE,
-        "KG",
+    mass: float | None = _model(
+        None, "Known mass, for example from a balance; it reduces the other uncertainties.", ABOVE, "KG"
     )
-    rows: Literal["torque", "momentum"] = option(
-        "torque",
-        "Equations built from logs: torques, or momentum over windows.",
-        METHOD,
-        words("torque", "momentum"),
+    rows: Literal["torque", "momentum"] = _method(
+        "torque", "Equations built from logs: torques, or momentum over windows.", words("torque", "momentum")
     )
-    estimator: Literal["ols", "wls"] = option(
+    estimator: Literal["ols", "wls"] = _method(
         "wls",
         "Least squares for logs: ordinary, or weighted by the noise of each joint.",
-        METHOD,
         words("ols", "wls"),
     )
 
@@ -595,13 +548,8 @@ class PayloadOptions(Options):
 class HysteresisOptions(Options):
     """What a fit of an element with hysteresis is asked for."""
 
-    model: str = option(
-        "auto",
-        "Model of the element.  [default: auto]",
-        METHOD,
-        words("auto", *HYSTERESIS_MODELS),
-    )
-    passive: bool | None = option(None, "Only elements from which no motion gets work.", METHOD, FLAG)
+    model: str = _method("auto", "Model of the element.  [default: auto]", words("auto", *HYSTERESIS_MODELS))
+    passive: bool | None = _method(None, "Only elements from which no motion gets work.", FLAG)
 
     def __post_init__(self) -> None:
         """Take names in any case and with underscores; raise a UsageError for a model that is none."""
@@ -616,31 +564,23 @@ class HysteresisOptions(Options):
 class FleetOptions(Options):
     """Options of `symid.fleet.run`."""
 
-    executor: Literal["serial", "processes", "dask"] | None = option(
+    executor: Literal["serial", "processes", "dask"] | None = _method(
         None,
         "Where jobs run: in this process, in processes, or on Dask's workers.  [default: processes, or dask "
         "with --cluster]",
-        METHOD,
         words("serial", "processes", "dask"),
     )
-    workers: int | None = option(
-        None, "Number of processes.  [default: one for each core]", METHOD, whole(1), "N"
+    workers: int | None = _method(None, "Number of processes.  [default: one for each core]", whole(1), "N")
+    cluster: str | None = _method(None, "Address of Dask's scheduler; local starts one.", TEXT, "ADDRESS")
+    seconds: float | None = _method(None, "Seconds that a job may take.", ABOVE, "S", flag="--time-limit")
+    megabytes: int | None = _method(
+        None, "Memory for the data of one job.", whole(1), "MB", flag="--memory-limit"
     )
-    cluster: str | None = option(
-        None, "Address of Dask's scheduler; local starts one.", METHOD, TEXT, "ADDRESS"
-    )
-    seconds: float | None = option(
-        None, "Seconds that a job may take.", METHOD, ABOVE, "S", flag="--time-limit"
-    )
-    megabytes: int | None = option(
-        None, "Memory for the data of one job.", METHOD, whole(1), "MB", flag="--memory-limit"
-    )
-    again: bool = option(False, "Run jobs again that crashed, or came to a limit.", METHOD, FLAG)
-    level: float = option(0.05, "Share of false alarms among the alarms.", METHOD, number(0.0, 1.0), "X")
-    control: Literal["benjamini-hochberg", "holm"] = option(
+    again: bool = _method(False, "Run jobs again that crashed, or came to a limit.", FLAG)
+    level: float = _method(0.05, "Share of false alarms among the alarms.", number(0.0, 1.0), "X")
+    control: Literal["benjamini-hochberg", "holm"] = _method(
         "benjamini-hochberg",
         "How many comparisons are accounted for; holm: any false alarm is as rare as --level.",
-        METHOD,
         words("benjamini-hochberg", "holm"),
     )
 
@@ -659,22 +599,22 @@ class DraftOptions(Options):
         [100.0, 50.0]
     """
 
-    base: str | None = option(
-        None, "URDF, MJCF: the link at which the robot starts.  [default: its root]", INPUT, TEXT, "LINK"
+    base: str | None = _input(
+        None, "URDF, MJCF: the link at which the robot starts.  [default: its root]", TEXT, "LINK"
     )
-    tip: str | None = option(
-        None, "URDF, MJCF: the link at which it ends; branches are cut off.", INPUT, TEXT, "LINK"
+    tip: str | None = _input(
+        None, "URDF, MJCF: the link at which it ends; branches are cut off.", TEXT, "LINK"
     )
-    convention: Literal["modified", "standard"] | None = option(
-        None, "DH convention of the table.", INPUT, words("modified", "standard"), code="usage.call"
+    convention: Literal["modified", "standard"] | None = _input(
+        None, "DH convention of the table.", words("modified", "standard"), code="usage.call"
     )
-    gravity: str | Sequence[float] | None = option(
-        None, "Gravity in the base frame of the table, m/s^2.  [default: 0,0,-9.81]", INPUT, TEXT, "X,Y,Z"
+    gravity: str | Sequence[float] | None = _input(
+        None, "Gravity in the base frame of the table, m/s^2.  [default: 0,0,-9.81]", TEXT, "X,Y,Z"
     )
-    rotors: bool = option(False, "Give every drive a rotor with unknown inertia.", MODEL, FLAG)
-    gear: Numbers | None = option(
-        None, "Motor turns per joint turn, one for each joint or one for all.", MODEL, TEXT, "N,..."
+    rotors: bool = _model(False, "Give every drive a rotor with unknown inertia.", FLAG)
+    gear: Numbers | None = _model(
+        None, "Motor turns per joint turn, one for each joint or one for all.", TEXT, "N,..."
     )
-    torque_constant: Numbers | None = option(
-        None, "Torque constant at the motor, N m/A, one for each joint or one for all.", MODEL, TEXT, "K,..."
+    torque_constant: Numbers | None = _model(
+        None, "Torque constant at the motor, N m/A, one for each joint or one for all.", TEXT, "K,..."
     )

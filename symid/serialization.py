@@ -86,11 +86,7 @@ def compute_file_digest(source: str) -> str:
 
 
 def write_json(value: object) -> str:
-    """Return `value` as JSON text; see `write_plain`.
-
-    Raises:
-        TypeError: `value` holds an object that JSON has no word for.
-    """
+    """Return `value` as JSON text; see `write_plain`."""
     return json.dumps(write_plain(value), indent=2, allow_nan=False, ensure_ascii=False)
 
 
@@ -182,10 +178,8 @@ def read_record(kind: type[Record], value: object, where: str = "", *, complete:
     known = {entry.name: entry for entry in fields(cast("Any", kind))}
     earlier = {entry.metadata["was"]: name for name, entry in known.items() if "was" in entry.metadata}
     stated = _expect(value, (dict,), where)
-    table = {
-        name if earlier.get(name, name) in stated else earlier.get(name, name): stated[name]
-        for name in stated
-    }
+    renamed = {name: now for name, now in earlier.items() if now not in stated}
+    table = {renamed.get(name, name): entry for name, entry in stated.items()}
     hints = _get_hints(cast("Any", kind))
     problems = [
         _place(where, f"{name} is missing")
@@ -277,8 +271,7 @@ def _read(kind: Any, value: object, where: str, *, complete: bool = False) -> ob
         entries = _expect(value, (list,), where)
         kinds = arguments[:1] * len(entries) if arguments[-1] is Ellipsis else arguments
         if len(entries) != len(kinds):
-            text = f"expected {len(kinds)} entries, got {len(entries)}"
-            raise _refuse(_place(where, text))
+            raise _refuse(_place(where, f"expected {len(kinds)} entries, got {len(entries)}"))
         return tuple(
             _read(inner, entry, f"{where}[{k}]", complete=complete)
             for k, (inner, entry) in enumerate(zip(kinds, entries, strict=True))

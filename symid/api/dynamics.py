@@ -4,9 +4,9 @@ Robot -> `BaseSet`; robot -> `Derivation`, step by step, with operation counts o
 `WrittenLesson`, the derivation as a page.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from os import PathLike, fspath
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Self, TypedDict, Unpack, final
@@ -296,13 +296,8 @@ class MarkedSheet(Result):
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, and a row for each answer."""
         rows = [
-            (
-                entry.number,
-                entry.mark,
-                entry.typed if len(entry.typed) <= _SHOWN else entry.typed[:_SHOWN] + "...",
-                entry.note,
-            )
-            for entry in self.answers
+            (one.number, one.mark, one.typed[:_SHOWN] + "..." * (len(one.typed) > _SHOWN), one.note)
+            for one in self.answers
         ]
         return (self.summarise(), report.Table(("exercise", "mark", "answer", "note"), rows, left=(1, 2, 3)))
 
@@ -427,10 +422,8 @@ class RobotDynamics:
 
     def __repr__(self) -> str:
         """Return the robot in one line."""
-        joints = f"{len(self.joints)} joint{'s'[: len(self.joints) != 1]}"
-        return (
-            f"<{type(self).__name__} {self.name}: {joints}{', elastic' if self.elastic else ''}, {self.path}>"
-        )
+        joints = f"{len(self.joints)} joint{'s'[: len(self.joints) != 1]}{', elastic' * self.elastic}"
+        return f"<{type(self).__name__} {self.name}: {joints}, {self.path}>"
 
     def override(
         self,
@@ -471,10 +464,7 @@ class RobotDynamics:
         return self._derive_base("torque")
 
     def derive_base(self, form: BaseForm = "torque") -> BaseSet:
-        """Return the base parameters of the torques, energies, momentum, or torques at rest ("gravity").
-
-        Args:
-            form: "torque", "energy", "momentum" or "gravity".
+        """Return the base parameters of a `form`: "torque", "energy", "momentum", or "gravity" (at rest).
 
         Raises:
             UsageError: there is no such form.
@@ -496,10 +486,7 @@ class RobotDynamics:
     # Derivation, exact functions and code.
 
     def derivation(self, *, latex: bool = False) -> Derivation:
-        """Return the derivation of the dynamics, from the frames to the torques, with a check of each step.
-
-        Args:
-            latex: print formulas in LaTeX.
+        """Return the derivation of the dynamics from frames to torques, each step checked, or in `latex`.
 
         Raises:
             RobotError: a symbolic length has no value.
@@ -543,7 +530,7 @@ class RobotDynamics:
             OutputError: the page cannot be written.
         """
         self.progress(f"deriving the lesson on {self.name}")
-        file = Path(fspath(path))
+        file, robot = Path(fspath(path)), self.description
         suffix = check_suffix(file, "a lesson", (".html", ".htm", ".tex", ".ipynb"))
         book = lessons.get_book(notation, angle=angle, long=long_sines)
         if suffix in (".tex", ".ipynb") and (exercises or log is not None):
@@ -552,25 +539,23 @@ class RobotDynamics:
             raise UsageError(Notice(code="usage.lesson-option", text=what))
         answers = sheet = executed = None
         if suffix == ".tex":
-            text = lessons.write_lesson_tex(self.description, book, parameters)
+            text = lessons.write_lesson_tex(robot, book, parameters)
         elif suffix == ".ipynb":
-            text, executed = lessons.write_lesson_notebook(
-                self.description, book, parameters, file.resolve().parent
-            )
+            text, executed = lessons.write_lesson_notebook(robot, book, parameters, file.resolve().parent)
         else:
             sheet_file = file.with_suffix(".exercises.txt")
             if exercises and sheet_file.exists() and any(_read_sheet(sheet_file).answers.values()):
                 said = "has answers that were typed; move it, or name the page otherwise"
                 raise OutputError(Notice(code="output.answers", text=said, file=str(sheet_file)))
-            moved = None if log is None else _sample_log(self.description, log)
+            moved = None if log is None else _sample_log(robot, log)
             page = lessons.write_lesson_page(
-                self.description, book, parameters, exercises=exercises, seed=seed, logged=moved
+                robot, book, parameters, exercises=exercises, seed=seed, logged=moved
             )
             answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
             sheet = write_file(sheet_file, page.sheet) if page.sheet else None
             text = page.html
         return WrittenLesson(
-            robot=self.description,
+            robot=robot,
             path=write_file(file, text),
             size=len(text.encode()),
             notation=notation,
@@ -580,13 +565,10 @@ class RobotDynamics:
         )
 
     def check_answers(self, path: str | PathLike[str]) -> MarkedSheet:
-        """Mark the answers that were typed into the sheet of a lesson's exercises.
+        """Mark the answers typed into the sheet at `path`, which `write_lesson` wrote beside a page.
 
         Formulas are compared exactly: any form of the right polynomial is right. A number is right to one
         percent. The sheet says with which settings its exercises were drawn.
-
-        Args:
-            path: of the sheet, as `write_lesson` with `exercises` wrote it beside the page.
 
         Raises:
             InputError: the file is no such sheet, or one of another robot.
@@ -644,11 +626,8 @@ class RobotDynamics:
             2
         """
         self._check_function(name)
-        if compiled:
-            return codegen.build_compiled_function(
-                self.description, name, standard=standard, constant=constant
-            )
-        return codegen.build_casadi_function(self.description, name, standard=standard, constant=constant)
+        build = codegen.build_compiled_function if compiled else codegen.build_casadi_function
+        return build(self.description, name, standard=standard, constant=constant)
 
     def _check_function(self, name: str) -> None:
         """Refuse a function that the catalogue does not have for this robot, with the nearest names."""
@@ -672,16 +651,9 @@ class RobotDynamics:
         Raises:
             RobotError: a symbolic length has no value.
             GenerationError: there is no compiler and the backend is "c", or it fails.
-
-        Example:
-            >>> import symid
-            >>> lib = symid.load("two_link").compile()
-            >>> lib.mass_matrix([0.1, 0.2], lib.beta).shape
-            (2, 2)
         """
-        if fused:
-            return CompiledModel(self._prepare(self.description, fused=True, whole=True))
-        return CompiledModel(self._whole_library)
+        fast = self._prepare(self.description, fused=True, whole=True) if fused else self._whole_library
+        return CompiledModel(fast)
 
     def write(
         self,
@@ -719,11 +691,6 @@ class RobotDynamics:
                 is to be constant.
             OutputError: the folder cannot be written, or belongs to something else.
             GenerationError: the code fails its self-test.
-
-        Example:
-            >>> import symid
-            >>> symid.load("two_link").write("python", "code", functions=["gravity"]).selftest
-            'passed'
         """
         order = GenerateOptions(
             functions=None if functions is None else tuple(functions),
@@ -734,13 +701,11 @@ class RobotDynamics:
             trigonometry=trigonometry,
             friction_laws=friction_laws,
         )
-        path = Path(fspath(folder))
-        made = codegen.generate_folder(self.description, order, path, progress=self.progress, force=force)
-        springs, notices = codegen.generate_springs(
-            self.description, order, path, progress=self.progress, force=force
-        )
+        robot, path, progress = self.description, Path(fspath(folder)), self.progress
+        made = codegen.generate_folder(robot, order, path, progress=progress, force=force)
+        springs, notices = codegen.generate_springs(robot, order, path, progress=progress, force=force)
         notices = (*self.notices, *made.notices, *notices)
-        return WrittenCode.extend(made, robot=self.description, springs=springs, notices=notices)
+        return WrittenCode.extend(made, robot=robot, springs=springs, notices=notices)
 
     @cached_property
     def library(self) -> "codegen.Library":
@@ -765,9 +730,6 @@ class RobotDynamics:
 
         return identification.TaskContext(prepare=prepare, progress=self.progress)
 
-    def _prepare(
-        self, description: "robots.Robot", *, fused: bool = False, whole: bool = False
-    ) -> "codegen.Library":
-        return codegen.prepare_library(
-            description, progress=self.progress, backend=self.backend, fused=fused, whole=whole
-        )
+    @property
+    def _prepare(self) -> "Callable[..., codegen.Library]":
+        return partial(codegen.prepare_library, progress=self.progress, backend=self.backend)

@@ -345,15 +345,11 @@ def demo(
     fits = {method: cast("ElasticFit", build_dynamics_fit(identify(method), robot)) for method in _METHODS}
     models = {method: fit.estimate.build_fit(card) for method, fit in fits.items()}
     truth, last = studies.elastic_methods.get_true_parameters(card), runs[_HELD_OUT]
-    deviations = {
-        method: (
-            studies.elastic_methods.compute_parameter_error(model, truth),
-            float(
-                studies.elastic_methods.compute_hysteresis_errors(model, last.phi, last.joint_torque).max()
-            ),
-        )
-        for method, model in models.items()
-    }
+    deviations = {}
+    for method, model in models.items():
+        error = studies.elastic_methods.compute_parameter_error(model, truth)
+        loops = studies.elastic_methods.compute_hysteresis_errors(model, last.phi, last.joint_torque)
+        deviations[method] = (error, float(loops.max()))
     estimate = fits[_AUTOMATIC].save(place / "estimate.json")
     export_fit(robot.description, estimate, place / "identified.toml", ExportOptions(accept=True), progress)
     progress("tracking the held-out motion with feed-forward of the identified models")
@@ -426,14 +422,14 @@ def judge_demo(deviations: DemoErrors, tracking: "Sequence[elastic.TrackingRun]"
     """
     parameters, hysteresis = deviations
     notices = []
-    if not parameters <= _MOST_PARAMETERS:
-        text = f"largest parameter error {parameters:.3g} %; the limit is {_MOST_PARAMETERS:g} %"
-        notices.append(Notice(code="demo.off-truth", text=text))
-    if not hysteresis <= _MOST_HYSTERESIS:
-        text = f"hysteresis error {hysteresis:.3g} %; the limit is {_MOST_HYSTERESIS:g} %"
-        notices.append(Notice(code="demo.off-spring", text=text))
-    rigid, identified = tracking[0], tracking[1]
-    if not all(mine < theirs for mine, theirs in zip(identified.rms, rigid.rms, strict=True)):
+    for code, what, error, most in (
+        ("demo.off-truth", "largest parameter", parameters, _MOST_PARAMETERS),
+        ("demo.off-spring", "hysteresis", hysteresis, _MOST_HYSTERESIS),
+    ):
+        if not error <= most:
+            text = f"{what} error {error:.3g} %; the limit is {most:g} %"
+            notices.append(Notice(code=code, text=text))
+    if not (tracking[1].rms < tracking[0].rms).all():
         text = "feed-forward of the identified model does not reduce the tracking errors of the rigid one"
         notices.append(Notice(code="demo.no-gain", text=text))
     return tuple(notices)

@@ -121,12 +121,6 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         """Return what the fit is worth by its own logs; held-out logs give a stronger verdict (`validate`).
 
         Its `level` is "good", "usable", "doubtful" or "wrong".
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> robot.identify(robot.simulate(duration=5.0, seed=1).log).verdict.level in ("good", "usable")
-            True
         """
         return report.judge_fit(self.product)
 
@@ -194,13 +188,6 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             EstimateError: the fit belongs to another model.
             LogError: the log does not fit the robot.
             IdentifiabilityError: no joint moves in the log.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.validate(robot.simulate("tc", duration=5.0, seed=2).log, gate=5.0).accepted
-            True
         """
         if band is not None and self._of:
             text = f"--band needs an estimate of base parameters, and this one is of {self._of}; leave it out"
@@ -260,26 +247,11 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         Raises:
             UsageError: a column is missing, or a reading is not a sum of our parameters.
             EstimateError: another fit cannot be read, belongs to another robot, or has nothing in common.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.compare(fit).largest
-            0.0
         """
-        return compare_fit(
-            self.robot.description,
-            self,
-            others,
-            name=name,
-            value=value,
-            deviation=deviation,
-            deviation_unit=deviation_unit,
-            read_as=read_as,
-            gate=gate,
-            progress=self.robot.progress,
-        )
+        table: dict[str, Any] = {"name": name, "value": value, "deviation": deviation}
+        table |= {"deviation_unit": deviation_unit, "read_as": read_as}
+        robot, progress = self.robot.description, self.robot.progress
+        return compare_fit(robot, self, others, **table, gate=gate, progress=progress)
 
     def export(
         self,
@@ -308,13 +280,6 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             EstimateError: the format cannot represent these values, bodies differ by more than the limit, or
                 the verdict is wrong.
             OutputError: the file cannot be written.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.export("identified.urdf").format
-            'URDF'
         """
         robot = self.robot
         options = ExportOptions(precision=precision, accept=accept, limit=limit)
@@ -343,13 +308,6 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             UsageError: this kind of fit has no validation or diagnosis.
             LogError: a log does not fit the robot.
             OutputError: the page cannot be written.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> fit = robot.identify(robot.simulate(duration=5.0, seed=1).log)
-            >>> fit.report("report.html", validation=robot.simulate("tc", duration=5.0).log).file.name
-            'report.html'
         """
         pairs = list_pairs(settings)
         logs = list_logs(validation, pairs)
@@ -511,10 +469,9 @@ class ElasticFit(_DynamicsFit):
         return report.fit_text.show_elastic(self.estimate)
 
     def _describe(self) -> dict[str, object]:
-        joints = [entry.joint for entry in self.estimate.residual]
-        aligned = (
-            None if self.alignment is None else report.fit_text.describe_alignment(self.alignment, joints)
-        )
+        joints, aligned = [entry.joint for entry in self.estimate.residual], None
+        if self.alignment is not None:
+            aligned = report.fit_text.describe_alignment(self.alignment, joints)
         return {**report.fit_text.describe_elastic(self.estimate), "alignment": aligned, **self.extra}
 
 
@@ -547,21 +504,18 @@ class FrictionFit(Fit):
     @property
     def parameters(self) -> "tuple[estimators.ParameterEstimate, ...]":
         """Return the parameters of all laws, called joint.parameter, such as "elbow.fC"."""
-        return tuple(
-            replace(entry, name=f"{joint.joint}.{entry.name}")
-            for joint in self.estimate.joints
-            for entry in joint.estimate.parameters
+        pairs = (
+            (joint.joint, entry) for joint in self.estimate.joints for entry in joint.estimate.parameters
         )
+        return tuple(replace(entry, name=f"{joint}.{entry.name}") for joint, entry in pairs)
 
     @property
     def refused(self) -> Mapping[str, str]:
         """Return the joints and parameters that are not identifiable, with the reason."""
-        found = {
-            f"{joint.joint}.{name}": reason
-            for joint in self.estimate.joints
-            for name, reason in joint.estimate.refused
-        }
-        return {**dict(self.estimate.refused), **found}
+        found = dict(self.estimate.refused)
+        for joint in self.estimate.joints:
+            found |= {f"{joint.joint}.{name}": reason for name, reason in joint.estimate.refused}
+        return found
 
     @property
     def residual(self) -> "tuple[estimators.Residual, ...]":

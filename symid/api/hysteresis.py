@@ -207,9 +207,8 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
             period=float(record.trace.time[-1]) / max(1, record.samples - 1),
             facts=facts,
         )
-        made = codegen.generate_element(
-            record.elasticity, order, Path(fspath(folder)), progress=progress, force=force
-        )
+        path, element = Path(fspath(folder)), record.elasticity
+        made = codegen.generate_element(element, order, path, progress=progress, force=force)
         return WrittenCode.extend(made, robot=None)
 
 
@@ -294,10 +293,7 @@ def fit(
 
 
 def load(path: str | PathLike[str]) -> ElementFit:
-    """Return a fit that `ElementFit.save` or `symid hysteresis` wrote.
-
-    Args:
-        path: of the file.
+    """Return a fit that `ElementFit.save` or `symid hysteresis` wrote to `path`.
 
     Raises:
         EstimateError: there is no such file, or it holds something else; it names all mistakes.

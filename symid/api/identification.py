@@ -23,6 +23,8 @@ from symid.arrays import FloatArray
 from symid.errors import EstimateError, Notice
 from symid.identification import elastic
 
+CasadiExpression: TypeAlias = Any
+
 
 @final
 class Stiffness(PagedResult, SavedResult):
@@ -68,10 +70,7 @@ class Stiffness(PagedResult, SavedResult):
 
 
 def load_stiffness(path: str | PathLike[str]) -> Stiffness:
-    """Return the stiffness of joints that `Stiffness.save` or `symid identify --method stiffness -o` wrote.
-
-    Args:
-        path: of the file.
+    """Return the stiffness that `Stiffness.save` or `symid identify --method stiffness -o` wrote to `path`.
 
     Raises:
         EstimateError: there is no such file, or it holds something else; it names all mistakes.
@@ -204,11 +203,9 @@ class PayloadResult(PagedResult, SavedResult):
 
 
 def load_payload(path: str | PathLike[str], robot: "RobotDynamics | None" = None) -> PayloadResult:
-    """Return the payload that `PayloadResult.save` or `symid payload -o` wrote.
+    """Return the payload that `PayloadResult.save` or `symid payload -o` wrote to `path`.
 
-    Args:
-        path: of the file.
-        robot: that carries it; only `for_controller` with a link as flange needs it.
+    The `robot` is the one that carries it; only `for_controller` with a link as flange needs it.
 
     Raises:
         EstimateError: there is no such file, or it holds something else, or a payload of another robot; it
@@ -274,7 +271,7 @@ class OneShotProblem(Result):
         return {name: entry.symbol for name, entry in self.graph.variables.items()}
 
     @property
-    def cost(self) -> Any:  # noqa: ANN401  # an expression of casadi
+    def cost(self) -> CasadiExpression:
         """Return what is minimised, an expression (1, 1)."""
         return self.graph.cost
 
@@ -288,7 +285,7 @@ class OneShotProblem(Result):
         """Return the number of rows M: a term ((x - z) / s)^2 / (2 M) counts as a measurement z +- s of x."""
         return self.graph.rows
 
-    def __getitem__(self, name: str) -> Any:  # noqa: ANN401  # an expression of casadi
+    def __getitem__(self, name: str) -> CasadiExpression:
         """Return the symbol of the variable called `name`.
 
         Raises:
@@ -328,7 +325,7 @@ class OneShotProblem(Result):
         """
         return replace(self, graph=elastic.nlp.add_torque(self.graph, joint, torque, side))
 
-    def add_term(self, term: Any) -> "OneShotProblem":  # noqa: ANN401  # an expression of casadi
+    def add_term(self, term: CasadiExpression) -> "OneShotProblem":
         """Return the problem with `term`, a scalar expression of its variables, added to the cost.
 
         Raises:
@@ -337,11 +334,7 @@ class OneShotProblem(Result):
         return replace(self, graph=elastic.nlp.add_term(self.graph, term))
 
     def add_constraint(
-        self,
-        expression: Any,  # noqa: ANN401  # of casadi
-        *,
-        lower: float = -inf,
-        upper: float = inf,
+        self, expression: CasadiExpression, *, lower: float = -inf, upper: float = inf
     ) -> "OneShotProblem":
         """Return the problem with the constraint lower <= expression <= upper.
 
@@ -370,17 +363,15 @@ class OneShotProblem(Result):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the sizes and the table of variables."""
-        header = ("variable", "start", "lower", "upper")
-        return (self.summarise(), report.Table(header, self._list_bounds()))
+        rows = [(name, one.start, one.lower, one.upper) for name, one in self.graph.variables.items()]
+        return (self.summarise(), report.Table(("variable", "start", "lower", "upper"), rows))
 
     def _describe(self) -> dict[str, object]:
-        names = ("name", "start", "lower", "upper")
-        bounds = [dict(zip(names, row, strict=True)) for row in self._list_bounds()]
+        bounds = [
+            {"name": name, "start": one.start, "lower": one.lower, "upper": one.upper}
+            for name, one in self.graph.variables.items()
+        ]
         return {"robot": self.robot.name, "rows": self.rows, "variables": bounds}
-
-    def _list_bounds(self) -> list[tuple[str, float, float, float]]:
-        entries = self.graph.variables.items()
-        return [(name, entry.start, entry.lower, entry.upper) for name, entry in entries]
 
 
 @final
@@ -456,24 +447,21 @@ class OneShotSolution(Result):
         values = report.Table(("variable", "value"), list(self.values.items()))
         if not self.active:
             return self.summarise(), values
+        tried = zip(self.problem.constraints, self.answer.levels, self.active, strict=True)
         rows = [
             (number, lower, level, upper, "yes" if active else "no")
-            for number, ((lower, _, upper), level, active) in enumerate(
-                zip(self.problem.constraints, self.answer.levels, self.active, strict=True), start=1
-            )
+            for number, ((lower, _, upper), level, active) in enumerate(tried, start=1)
         ]
         header = ("constraint", "lower", "value", "upper", "active")
         return self.summarise(), values, report.Table(header, rows)
 
     def _describe(self) -> dict[str, object]:
+        tried = zip(self.answer.levels, self.active, strict=True)
         return {
             "robot": self.problem.robot.name,
             "outcome": self.answer.outcome.name.lower(),
             "reason": self.answer.reason,
             "cost": self.objective,
             "values": dict(self.values),
-            "constraints": [
-                {"value": level, "active": active}
-                for level, active in zip(self.answer.levels, self.active, strict=True)
-            ],
+            "constraints": [{"value": level, "active": active} for level, active in tried],
         }

@@ -158,9 +158,8 @@ class Log(Measurements):
             >>> len(log.cut("0:60%")), len(log.cut((1.5, None)))
             (1201, 501)
         """
-        (recording,) = log_files.take_parts(
-            (self.recording,), log_files.read_parts(part, "part"), "part", keep=True
-        )
+        parts = log_files.read_parts(part, "part")
+        (recording,) = log_files.take_parts((self.recording,), parts, "part", keep=True)
         return replace(self, recording=recording)
 
     def summarise(self) -> str:
@@ -247,15 +246,12 @@ def pair_parts(
     elif test and listing:
         text = f"--test takes logs, and {listing[0]} lists runs; predict its logs with `symid validate`"
     elif len(test) not in {0, 1, len(logs)}:
-        plural = "s"[: len(logs) > 1]
-        text = (
-            f"{len(test)} times --test for {len(logs)} log{plural}: give it once, or once for each in order"
-        )
+        many = f"{len(logs)} log{'s'[: len(logs) > 1]}"
+        text = f"{len(test)} times --test for {many}: give it once, or once for each in order"
     if text:
         raise UsageError(Notice(code="usage.log-part", text=text))
-    unit = log_files.join_units(
-        [*log_files.read_parts(train, "--train"), *log_files.read_parts(test, "--test")]
-    )
+    given = *log_files.read_parts(train, "--train"), *log_files.read_parts(test, "--test")
+    unit = log_files.join_units(given)
     fitted, tried = log_files.read_parts(train, "--train", unit), log_files.read_parts(test, "--test", unit)
     log_files.refuse_shared(fitted, tried)
     each = [part.text for part in tried] * (len(logs) if len(tried) == 1 else 1)
@@ -391,17 +387,9 @@ def build_log(
     except (TypeError, ValueError) as error:
         text = f"expected arrays of real numbers: {error}"
         raise LogError(Notice(code="log.arrays", text=text, file=source)) from error
-    size = len(robot.description.axes)
-    wrong = [
-        f"{name} has the shape {value.shape}, expected {(*stamps.shape[:1], size)}"
-        for name, value in given.items()
-        if value.shape != (*stamps.shape[:1], size)
-    ]
-    wrong += [
-        f"{name} holds values that are not finite"
-        for name, value in given.items()
-        if not np.isfinite(value).all()
-    ]
+    shape, items = (*stamps.shape[:1], len(robot.description.axes)), given.items()
+    wrong = [f"{name} has the shape {x.shape}, expected {shape}" for name, x in items if x.shape != shape]
+    wrong += [f"{name} holds values that are not finite" for name, x in items if not np.isfinite(x).all()]
     if stamps.ndim != 1 or len(stamps) < 2 or not np.all(np.diff(stamps) > 0.0) or np.isinf(stamps).any():
         wrong.append("time must be a list of two or more stamps in s that increase")
     if wrong:

@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Self, dataclass_transform, final
 
 from symid import report
 from symid.environment import write_file
-from symid.errors import Notice, UsageError, arrange_notices
+from symid.errors import Notice, UsageError, list_notice_lines
 from symid.serialization import describe_record
 
 Progress = Callable[[str], None]
@@ -105,9 +105,8 @@ class Result(ABC):
         return "\n\n".join(filter(None, (self.to_text(), self._list_notices())))
 
     def _list_notices(self) -> str:
-        arranged = arrange_notices(self.notices, sources=self.sources)
-        lines = (*arranged.list_lines("`.notices` holds all"), *(("error", str(e)) for e in self.errors))
-        return "\n".join(f"{kind}: {text}" for kind, text in lines)
+        told = list_notice_lines(self.notices, self.sources, "`.notices` holds all")
+        return "\n".join(f"{kind}: {text}" for kind, text in (*told, *(("error", e) for e in self.errors)))
 
     def _tabulate(self) -> "tuple[report.Block, ...]":
         """Return the blocks for a notebook, which is wider than a terminal."""
@@ -178,12 +177,6 @@ class SavedResult(Result):
 
         Raises:
             OutputError: the file cannot be written.
-
-        Example:
-            >>> import symid
-            >>> robot = symid.load("two_link")
-            >>> robot.identify(robot.simulate(duration=5.0, seed=1).log).save("fit.json").name
-            'fit.json'
         """
         return self._save(Path(fspath(path)))
 
@@ -209,7 +202,7 @@ class JudgedResult(Result):
 
     def _list_remarks(self) -> tuple[Notice, ...]:
         """Return the warnings and notes besides the verdict."""
-        return ()
+        return super().notices
 
     @property
     def notices(self) -> tuple[Notice, ...]:

@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from itertools import chain
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, final
@@ -122,16 +123,12 @@ class RobotModel(RobotDynamics):
             if path.suffix.lower() == ".json":
                 return load_fit(path, self).plot()
             if excitation.is_trajectory(path):
-                return Figures(
-                    drawings=report.drawings.draw_motion(excitation.read_trajectory(path, robot), robot)
-                )
+                motion = excitation.read_trajectory(path, robot)
+                return Figures(drawings=report.drawings.draw_motion(motion, robot))
         read = log_files.read_recordings(api_logs.list_logs((what,)), robot, uneven=True)
         logs = [rigid_fits.summarise_log(recording, robot) for recording in read]
-        return Figures(
-            drawings=tuple(
-                drawing for log in logs for drawing in report.drawings.draw_log(log.recording, robot, log)
-            )
-        )
+        drawn = (report.drawings.draw_log(log.recording, robot, log) for log in logs)
+        return Figures(drawings=tuple(chain.from_iterable(drawn)))
 
     # Identification.
 
@@ -185,9 +182,8 @@ class RobotModel(RobotDynamics):
         stated = law if isinstance(law, str) and not searched else None
         pairs = api_logs.list_pairs(settings, order)
         described, recordings = self._gather(logs, pairs, stated, train)
-        found = identification.identify_robot(
-            described, recordings, replace(order, friction=searched), self.context, pairs
-        )
+        options = replace(order, friction=searched)
+        found = identification.identify_robot(described, recordings, options, self.context, pairs)
         return build_dynamics_fit(found, self)
 
     def _gather(
@@ -201,9 +197,8 @@ class RobotModel(RobotDynamics):
         given = api_logs.list_logs(logs, pairs)
         described = robots.override_settings(api_logs.adopt_log_map(self.description, logs), pairs, friction)
         parts = log_files.read_parts(train, "--train")
-        return described, log_files.take_parts(
-            log_files.read_fit_recordings(given, described), parts, "--train", keep=True
-        )
+        read = log_files.read_fit_recordings(given, described)
+        return described, log_files.take_parts(read, parts, "--train", keep=True)
 
     def identify_friction(
         self,
@@ -263,9 +258,8 @@ class RobotModel(RobotDynamics):
             UsageError: a setting has no meaning for a stiffness.
             LogError: a log lacks an encoder, or is too short.
         """
-        pairs = api_logs.list_pairs(
-            settings, identification.IdentifyOptions(drop_first=drop_first, drop_last=drop_last)
-        )
+        cuts = identification.IdentifyOptions(drop_first=drop_first, drop_last=drop_last)
+        pairs = api_logs.list_pairs(settings, cuts)
         described, recordings = self._gather(logs, pairs, friction, train)
         found, notices = identification.identify_stiffness(described, recordings, pairs, self.context)
         return Stiffness(estimate=found, notices=notices)
@@ -427,10 +421,8 @@ class RobotModel(RobotDynamics):
             OutputError: the file cannot be written.
         """
         self.progress(f"writing {self.name}")
-
-        return ExportedFile(
-            product=identification.write_stated(self.description, Path(path), precision=precision)
-        )
+        written = identification.write_stated(self.description, Path(path), precision=precision)
+        return ExportedFile(product=written)
 
     # Studies of methods on the robot, simulated.
 
@@ -445,13 +437,8 @@ class RobotModel(RobotDynamics):
             jobs: number of processes; one for each core by default. A script starts them below `if __name__
                 == "__main__":`.
         """
-        found = self._study(
-            studies.study_precision,
-            "precision of",
-            report.study_text.show_precision,
-            list_seeds(seeds, seed),
-            jobs=jobs,
-        )
+        numbers, show = list_seeds(seeds, seed), report.study_text.show_precision
+        found = self._study(studies.study_precision, "precision of", show, numbers, jobs=jobs)
         return replace(found, notices=self.notices)
 
     def _study(
@@ -471,10 +458,7 @@ class RobotModel(RobotDynamics):
         return Study(title=title, product=found, tables=show(found), described=asdict(found))
 
     def study_cutoff(self, log: api_logs.LogLike) -> "Study[studies.CutoffStudy]":
-        """Show how the cut-off of the position filter changes the prediction error of a fit.
-
-        Args:
-            log: of this robot, a file or one that was read.
+        """Show how the cut-off of the position filter changes the error of a fit to a `log` or its file.
 
         Raises:
             UsageError: the file lists several runs.
@@ -485,9 +469,8 @@ class RobotModel(RobotDynamics):
         rigid = elastic.build_rigid_variant(robot) if self.elastic else robot
         library = replace(self, description=rigid).library
         measured = elastic.build_motor_recording(recording, robot)
-        found = studies.study_cutoff(
-            library, measured, robot.processing, progress=report_count(self.progress)
-        )
+        counted = report_count(self.progress)
+        found = studies.study_cutoff(library, measured, robot.processing, progress=counted)
         return Study(
             title=f"cut-off of {robot.name}",
             product=found,
@@ -508,10 +491,8 @@ class RobotModel(RobotDynamics):
             UsageError: the robot has not two joints, or its file states no truth.
         """
         numbers, title = list_seeds(seeds, seed), "methods for the elastic joints of"
-        show = report.study_text.show_elastic_study
-        found = self._study(
-            studies.elastic_methods.study_elastic, title, show, numbers, jobs=jobs, timed=timed
-        )
+        study, show = studies.elastic_methods.study_elastic, report.study_text.show_elastic_study
+        found = self._study(study, title, show, numbers, jobs=jobs, timed=timed)
         return replace(found, described={**describe_record(found.product), "seeds": list(numbers)})
 
     def study_tracking(
@@ -525,23 +506,15 @@ class RobotModel(RobotDynamics):
         Raises:
             UsageError: the robot has not two joints, or its file states no truth.
         """
-        numbers = list_seeds(seeds, seed)
-        return self._study(
-            studies.elastic_methods.study_tracking,
-            "tracking of",
-            report.study_text.show_tracking,
-            numbers,
-            jobs=jobs,
-        )
+        study, show = studies.elastic_methods.study_tracking, report.study_text.show_tracking
+        return self._study(study, "tracking of", show, list_seeds(seeds, seed), jobs=jobs)
 
     def study_six_joints(
         self, *, seeds: int = 1, seed: int = 1
     ) -> "Study[tuple[studies.elastic_methods.ManyJointsResult, ...]]":
         """Validate the identified dynamics of an elastic arm with any number of joints on a held-out motion.
 
-        Args:
-            seeds: draws of motion and noise.
-            seed: the first one.
+        `seeds` are draws of motion and noise, and `seed` is the first one.
 
         Raises:
             UsageError: the robot file states no truth.
@@ -611,20 +584,12 @@ def load(
             raise UsageError(Notice(code="usage.gravity", text=text))
         x, y, z = (repr(float(part)) for part in gravity)
         written = (x, y, z)
-    read = partial(
-        robots.load_robot,
-        fspath(robot),
-        api_logs.list_pairs(settings),
-        friction,
-        base=base,
-        tip=tip,
-        convention=convention,
-        gravity=written,
-    )
+    replaced = api_logs.list_pairs(settings), friction
+    given: dict[str, Any] = {"base": base, "tip": tip, "convention": convention, "gravity": written}
+    read = partial(robots.load_robot, fspath(robot), *replaced, **given)
     described = read(snap=snap)
     if snap is None and any(notice.code in _ROUNDED for notice in described.notices):
         # Loads SymPy: only where an angle was rounded.
-
         described = dynamics.choose_reading(read)
     return RobotModel(description=described, backend=backend, progress=progress)
 
@@ -632,12 +597,9 @@ def load(
 def load_fit(
     path: str | PathLike[str], robot: RobotModel | None = None, *, progress: Progress = ignore
 ) -> Fit:
-    """Return the fit stored in a file, of any kind.
+    """Return the fit of any kind that `Fit.save` or `symid identify -o` wrote to `path`.
 
-    Args:
-        path: a file that `Fit.save` or `symid identify -o` wrote.
-        robot: its robot; loaded on use by the name stored in the file by default.
-        progress: called with a short text when the robot is loaded by its name.
+    By default its `robot` is loaded on use by the name stored in the file, of which `progress` is told.
 
     Raises:
         EstimateError: the file does not exist, or is not a fit.
@@ -650,14 +612,11 @@ def load_fit(
         True
     """
     file = Path(fspath(path))
-
     estimate = identification.read_fit(file)
-    kinds: dict[type, type[Fit]] = {
-        friction_fits.FrictionIdentification: FrictionFit,
-        elastic.ElasticEstimate: ElasticFit,
-    }
-    kind = kinds.get(type(estimate), RigidFit)
+    kinds: dict[type, type[Fit]] = {friction_fits.FrictionIdentification: FrictionFit}
+    kinds[elastic.ElasticEstimate] = ElasticFit
     model = robot or partial(load, estimate.robot, progress=progress)
+    kind = kinds.get(type(estimate), RigidFit)
     return kind(estimate=estimate, file=file, model=model, remarks=estimate.notices)
 
 

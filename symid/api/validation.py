@@ -73,9 +73,6 @@ class LogValidation(JudgedResult, DrawnResult):
     def _name_file(self) -> str:
         return self.source
 
-    def _list_remarks(self) -> tuple[Notice, ...]:
-        return self.product.notices
-
     @property
     def errors(self) -> tuple[Notice, ...]:
         """Return the error of a wrong verdict, and the reason if the gate is missed."""
@@ -91,11 +88,8 @@ class LogValidation(JudgedResult, DrawnResult):
         return report.validation_text.show_trial(self.product)
 
     def _describe(self) -> dict[str, object]:
-        return {
-            **report.validation_text.describe_trial(self.product),
-            "gate": self.gate,
-            "accepted": self.accepted,
-        }
+        found = report.validation_text.describe_trial(self.product)
+        return {**found, "gate": self.gate, "accepted": self.accepted}
 
     def _draw(self) -> "tuple[report.Drawing, ...]":
         """Return measured and predicted torques; for elastic joints hysteresis loops."""
@@ -182,8 +176,9 @@ class FitPage(JudgedResult):
         """Return the path of the page, the processing of the logs, and the diagnosis."""
         head = "\n".join((f"report: {show_path(self.file)}", *self.page.lines))
         return (
-            head,
-            *(() if self.diagnosis is None else report.validation_text.show_diagnosis(self.diagnosis)),
+            (head,)
+            if self.diagnosis is None
+            else (head, *report.validation_text.show_diagnosis(self.diagnosis))
         )
 
     def _describe(self) -> dict[str, object]:
@@ -267,11 +262,7 @@ class Comparison(PagedResult):
     @property
     def errors(self) -> tuple[Notice, ...]:
         """Return the reasons if the gate is missed."""
-        return tuple(
-            notice
-            for entry in self.found
-            for notice in identification.check_comparison_gate(entry, self.gate)
-        )
+        return tuple(x for one in self.found for x in identification.check_comparison_gate(one, self.gate))
 
     def _write_page(self, file: Path) -> Path:
         return report.result_pages.write_comparison_page(file, self.ours, self.found, self.notices)
@@ -322,21 +313,19 @@ def compare_fit(
     asked = dict(zip(_TABLE_OPTIONS, (name, value, deviation, deviation_unit, read_as), strict=True))
     if not tables and any(asked.values()):
         used = ", ".join(option for option, entry in asked.items() if entry)
-        text = (
-            f"{used}: only for tables, and none is among {', '.join(map(str, files)) or 'fits'}; leave it out"
-        )
+        given = ", ".join(map(str, files)) or "fits"
+        text = f"{used}: only for tables, and none is among {given}; leave it out"
         raise UsageError(Notice(code="usage.no-table", text=text))
     progress(f"deriving the base parameters of {robot.name}")
     ours = identification.build_side(robot, *identification.read_dynamics(estimate))
     percent = None if deviation_unit is None else deviation_unit == "percent"
     columns = robots.TableColumns(name=name, value=value, deviation=deviation, percent=percent)
     readings = {"".join(group.split()): text for group, text in (read_as or {}).items()}
-    found = tuple(
-        identification.compare_with_table(ours, Path(entry), columns, readings)
-        if isinstance(entry, str | PathLike) and Path(entry) in tables
-        else identification.compare_with_estimate(
-            ours, identification.build_side(robot, *identification.read_dynamics(entry))
-        )
-        for entry in others
-    )
-    return Comparison(ours=ours, found=found, gate=gate)
+
+    def compare(entry: "identification.GivenResult") -> "identification.Compared":
+        if isinstance(entry, str | PathLike) and Path(entry) in tables:
+            return identification.compare_with_table(ours, Path(entry), columns, readings)
+        side = identification.build_side(robot, *identification.read_dynamics(entry))
+        return identification.compare_with_estimate(ours, side)
+
+    return Comparison(ours=ours, found=tuple(map(compare, others)), gate=gate)

@@ -31,14 +31,14 @@ import click
 
 from symid import __version__
 from symid.environment import show_path
-from symid.errors import MOST_WARNINGS, Notice, SymidError, arrange_notices, sort_notices
+from symid.errors import MOST_WARNINGS, Notice, SymidError, list_notice_lines, sort_notices
 from symid.serialization import write_json
 
 if TYPE_CHECKING:
     from symid import Result
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Answer:
     """The answer of a verb: `text` for people, `result` for programs.
 
@@ -62,16 +62,10 @@ class Answer:
     def add(self, results: "Sequence[Result]") -> "Answer":
         """Return the answer with warnings and errors of further results, those that it has not yet."""
         known = {(notice.code, notice.text) for notice in self.warnings}
-        new = [
-            entry for result in results for entry in result.notices if (entry.code, entry.text) not in known
-        ]
-        errors = [error for result in results for error in result.errors]
-        return replace(
-            self,
-            warnings=(*self.warnings, *new),
-            errors=(*self.errors, *errors),
-            exit_code=self.exit_code or (1 if errors else 0),
-        )
+        notices = (notice for result in results for notice in result.notices)
+        warnings = (*self.warnings, *(one for one in notices if (one.code, one.text) not in known))
+        errors = (*self.errors, *(error for result in results for error in result.errors))
+        return replace(self, warnings=warnings, errors=errors, exit_code=self.exit_code or int(bool(errors)))
 
 
 _VERDICTS = frozenset({"identify.wrong", "validate.wrong"})
@@ -80,15 +74,7 @@ _VERDICTS = frozenset({"identify.wrong", "validate.wrong"})
 def make_answer(
     result: "Result", *lines: str, exit_code: int = 1, notices: Sequence[Notice] = (), **added: object
 ) -> Answer:
-    """Return the answer for a result of the API.
-
-    Args:
-        result: of the API.
-        lines: further text, such as the path of a written file.
-        exit_code: if the result is not acceptable.
-        notices: further warnings and notes.
-        added: further entries of the JSON object.
-    """
+    """Return the answer for a result of the API, with further text, notices and entries of the JSON."""
     return Answer(
         text="\n\n".join((result.to_text(), *lines)),
         result={**result.to_dict(), **added},
@@ -99,10 +85,10 @@ def make_answer(
     )
 
 
-def answer_saved(result: Any, output: Path | None, what: str) -> Answer:  # noqa: ANN401  all that can save
-    """Return the answer for a result of the API, which is saved if an `output` is given."""
-    lines = [] if output is None else [f"{what}: {show_path(result.save(output))}"]
-    return make_answer(result, *lines, file=output)
+def answer_saved(result: Any, output: Path | None, what: str, *lines: str, **added: Any) -> Answer:  # noqa: ANN401
+    """Return the answer for a result of the API, which is saved if an `output` is given, as `make_answer`."""
+    saved = [] if output is None else [f"{what}: {show_path(result.save(output))}"]
+    return make_answer(result, *lines, *saved, file=output, **added)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,8 +125,7 @@ def print_answer(answer: Answer, *, as_json: bool, quiet: bool, verbose: bool = 
         click.echo(answer.text)
     if not quiet:
         most = None if verbose else MOST_WARNINGS
-        arranged = arrange_notices(answer.warnings, most=most, sources=answer.sources)
-        for kind, text in arranged.list_lines("-v shows them"):
+        for kind, text in list_notice_lines(answer.warnings, answer.sources, "-v shows them", most=most):
             _print_line(kind, text)
     print_errors(answer.errors)
 
@@ -235,15 +220,17 @@ def answer_call(arguments: Sequence[str]) -> int:
 
 
 def _answer(arguments: Sequence[str]) -> int:
-    # Options are read here as well, because a call that cannot be parsed must be answered in kind.
+    # Flags are read here, because a call that cannot be parsed must be answered in kind.
     flags = frozenset(_take_flags(arguments))
-    as_json, verbose = "--json" in flags, bool(flags & {"-v", "--verbose"})
+    as_json, quiet = "--json" in flags, bool(flags & {"-q", "--quiet"})
+    verbose = bool(flags & {"-v", "--verbose"})
+    console = Console(quiet=quiet, verbose=verbose and not (quiet or as_json))
     try:
-        answer = symid.main(args=list(arguments), prog_name="symid", standalone_mode=False)
+        answer = symid.main(args=list(arguments), prog_name="symid", standalone_mode=False, obj=console)
         if not isinstance(answer, Answer):
             # --help and --version print for themselves and return their exit code.
             return int(answer or 0)
-        print_answer(answer, as_json=as_json, quiet=bool(flags & {"-q", "--quiet"}), verbose=verbose)
+        print_answer(answer, as_json=as_json, quiet=quiet, verbose=verbose)
         sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):
         print_errors([Notice(code="symid.interrupted", text="interrupted")], as_json=as_json)

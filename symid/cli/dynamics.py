@@ -3,8 +3,8 @@
 `symid derive`, `symid base`, `symid generate`; `symid excite`, `symid simulate`, `symid study NAME`.
 """
 
+import re
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -19,45 +19,33 @@ from symid.options import GenerateOptions
 
 @cli.verb("derive")
 @cli.robot_argument()
-@cli.OUTPUT.option("--latex", "Print formulas in LaTeX.", is_flag=True)
-@cli.OUTPUT.option("--html", "Write the lesson as one page, with the arm to move.", cli.FILE, "FILE")
-@cli.OUTPUT.option("--tex", "Write the lesson as a document for pdflatex.", cli.FILE, "FILE")
-@cli.OUTPUT.option(
-    "--ipynb", "Write the lesson as a notebook with SymPy objects, executed.", cli.FILE, "FILE"
-)
-@cli.MODEL.option(
+@cli.OUTPUT("--latex", "Print formulas in LaTeX.", is_flag=True)
+@cli.OUTPUT("--html", "Write the lesson as one page, with the arm to move.", cli.FILE, "FILE")
+@cli.OUTPUT("--tex", "Write the lesson as a document for pdflatex.", cli.FILE, "FILE")
+@cli.OUTPUT("--ipynb", "Write the lesson as a notebook with SymPy objects, executed.", cli.FILE, "FILE")
+@cli.MODEL(
     "--notation",
     "Letters of the page: those of symid or of a textbook.",
     click.Choice(("symid", "siciliano", "craig", "khalil")),
     default="symid",
 )
-@cli.MODEL.option(
+@cli.MODEL(
     "--parameters",
     "Parameters of the page: base, the file's symbols, or masses, centres of mass and inertias (bodies).",
     click.Choice(("base", "symbols", "bodies")),
 )
-@cli.MODEL.option("--angle", "Letter of angles in the page.", click.Choice(("q", "theta")))
-@cli.MODEL.option("--long-sines", "Write cos(q1 + q2) in place of c12 in the page.", is_flag=True)
-@cli.OUTPUT.option(
+@cli.MODEL("--angle", "Letter of angles in the page.", click.Choice(("q", "theta")))
+@cli.MODEL("--long-sines", "Write cos(q1 + q2) in place of c12 in the page.", is_flag=True)
+@cli.OUTPUT(
     "--exercises",
     "Exercises at the end of the page, with a file of answers.",
     click.IntRange(0, 50),
     default=0,
 )
-@cli.OUTPUT.option("--seed", "Of the exercises.", click.IntRange(0), default=0)
-@cli.INPUT.option("--log", "Log whose motion the page offers beside drawn ones.", cli.FILE, "FILE")
-@cli.INPUT.option("--check", "Mark the answers in a sheet of exercises.", cli.FILE, "FILE")
-def derive_command(
-    console: Console,
-    *,
-    robot: cli.NamedRobot,
-    latex: bool,
-    html: Path | None,
-    tex: Path | None,
-    ipynb: Path | None,
-    check: Path | None,
-    **options: Any,  # noqa: ANN401  of the page, typed in `RobotModel.write_lesson`
-) -> Answer:
+@cli.OUTPUT("--seed", "Of the exercises.", click.IntRange(0), default=0)
+@cli.INPUT("--log", "Log whose motion the page offers beside drawn ones.", cli.FILE, "FILE")
+@cli.INPUT("--check", "Mark the answers in a sheet of exercises.", cli.FILE, "FILE")
+def derive_command(console: Console, *, robot: cli.NamedRobot, latex: bool, **options: cli.Given) -> Answer:
     """Derive the dynamics step by step, from the frames to the torques, with operation counts.
 
     With --html the derivation is a page for a lecture: M, C and g as formulas with their numbers, checks,
@@ -69,13 +57,14 @@ def derive_command(
     With --check, answers that were typed into the sheet of --exercises are marked; any form of the right
     formula is right. The exit code is 1 if one is not right.
     """
-    files = {"--html": html, "--tex": tex, "--ipynb": ipynb, "--check": check}
-    given = {name: path for name, path in files.items() if path is not None}
+    files: dict[str, Path | None] = {name: options.pop(name) for name in ("html", "tex", "ipynb", "check")}
+    given = {f"--{name}": path for name, path in files.items() if path is not None}
     if len(given) > 1:
         text = f"{' and '.join(given)}: one at a time"
         raise UsageError(Notice(code="usage.lesson-files", text=text))
-    page = html or tex or ipynb
-    if page is not None:
+    check = given.pop("--check", None)
+    if given:
+        (page,) = given.values()
         return make_answer(robot.load(console).write_lesson(page, **options))
     unused = [name for name, value in options.items() if value not in (None, False, "symid", 0)]
     if unused:
@@ -90,7 +79,7 @@ def derive_command(
 @cli.verb("base")
 @cli.robot_argument()
 @cli.friction_option
-@cli.MODEL.option(
+@cli.MODEL(
     "--of form",
     "Base parameters of all torques, the energies, the momentum, or torques at rest (gravity).",
     click.Choice(("torque", "energy", "momentum", "gravity")),
@@ -113,29 +102,23 @@ def base_command(console: Console, *, robot: cli.NamedRobot, friction: str | Non
 @cli.friction_option
 @cli.output_option("Folder of the sources.", required=True, folder=True)
 def generate_command(
-    console: Console,
-    *,
-    robot: cli.NamedRobot,
-    friction: str | None,
-    output: Path,
-    **options: Any,  # noqa: ANN401  as the record says
+    console: Console, *, robot: cli.NamedRobot, friction: str | None, output: Path, **options: cli.Given
 ) -> Answer:
     """Write the robot's functions as a C library, as a Python or JavaScript module, or for CasADi.
 
     The folder does not need symid. Its self-test runs after writing, for C if there is a compiler. A
     folder that is up to date is not changed.
     """
-    target = options.pop("target")
+    target, names = options.pop("target"), options.pop("functions") or None
     model = robot.load(console, friction=friction)
-    names = options.pop("functions") or None
     return make_answer(model.write(target, output, functions=names, **options))
 
 
 @cli.verb("excite")
 @cli.robot_argument()
 @cli.record_options(symid.ExciteOptions)
-@cli.OUTPUT.option("--rate", "Sample rate of the file.", cli.POSITIVE, "HZ", default=1000.0)
-@cli.OUTPUT.option("--periods", "Number of periods in the file.", cli.COUNT, "N", default=1)
+@cli.OUTPUT("--rate", "Sample rate of the file.", cli.POSITIVE, "HZ", default=1000.0)
+@cli.OUTPUT("--periods", "Number of periods in the file.", cli.COUNT, "N", default=1)
 @cli.friction_option
 @cli.output_option("Trajectory to write, .csv.")
 @cli.page_option
@@ -149,7 +132,7 @@ def excite_command(
     force: bool,
     rate: float,
     periods: int,
-    **search: Any,  # noqa: ANN401  as the record says
+    **search: cli.Given,
 ) -> Answer:
     """Compute an optimal trajectory for identification.
 
@@ -162,17 +145,17 @@ def excite_command(
     workspace = search["workspace"]
     cli.check_output(output, page, force=force, inputs=(model.path, workspace))
     found = model.excite(options=cli.take_record(symid.ExciteOptions, search, len(model.joints)))
-    if output is None:
-        return cli.add_page(make_answer(found, file=None, samples=0, rate=rate), found, page)
-    found.save(output, rate=rate, periods=periods)
-    samples = found.count_samples(rate=rate, periods=periods)
-    line = f"{show_path(output)}: {samples} samples of t, q, dq, ddq"
-    return cli.add_page(make_answer(found, line, file=output, samples=samples, rate=rate), found, page)
+    lines, samples = [], 0
+    if output is not None:
+        found.save(output, rate=rate, periods=periods)
+        samples = found.count_samples(rate=rate, periods=periods)
+        lines.append(f"{show_path(output)}: {samples} samples of t, q, dq, ddq")
+    return cli.add_page(make_answer(found, *lines, file=output, samples=samples, rate=rate), found, page)
 
 
 @cli.verb("simulate")
 @cli.robot_argument(computes=True)
-@cli.METHOD.option(
+@cli.METHOD(
     "--trajectory",
     "fourier (a random Fourier series), ta or tb (published), tc (for validation), or a file (.csv) "
     "of symid excite.",
@@ -190,7 +173,7 @@ def simulate_command(
     friction: str | None,
     output: Path,
     force: bool,
-    **settings: Any,  # noqa: ANN401  as the record says
+    **settings: cli.Given,
 ) -> Answer:
     """Simulate the robot under PD control along a trajectory and write the measured log.
 
@@ -200,15 +183,11 @@ def simulate_command(
     model = robot.load(console, friction=friction)
     check_suffix(output, "a log", (".npz", ".csv"))
     cli.check_output(output, force=force, inputs=(model.path, Path(trajectory)))
-    run = model.simulate(
-        trajectory, options=cli.take_record(symid.SimulateOptions, settings, len(model.joints))
-    )
+    options = cli.take_record(symid.SimulateOptions, settings, len(model.joints))
+    run = model.simulate(trajectory, options=options)
     written = run.save(output)
-    return Answer(
-        text=f"{show_path(written)}: {run.summarise()}",
-        result={"robot": model.name, "file": written, **run.to_dict()},
-        warnings=run.notices,
-    )
+    result = {"robot": model.name, "file": written, **run.to_dict()}
+    return Answer(f"{show_path(written)}: {run.summarise()}", result, run.notices)
 
 
 _FLAGS = frozenset({"--json", "--quiet", "--verbose"})
@@ -219,7 +198,7 @@ class _Studies(cli.Verb, click.Group):
     """A verb with several parts; common flags may stand before or after a part."""
 
     command_class = cli.Verb
-    flags = cli.Group("")
+    flags = ""
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options, then the parts."""
@@ -227,16 +206,10 @@ class _Studies(cli.Verb, click.Group):
         self.format_commands(ctx, formatter)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Pass the common flags to the part."""
-        count = next((k for k, text in enumerate(args) if not _is_flag(text)), len(args))
-        flags, rest = args[:count], args[count:]
-        if flags and not rest:
+        """Refuse common flags without a part."""
+        if args and all(text in _FLAGS or re.fullmatch("-[qv]+", text) for text in args):
             ctx.fail(f"Missing part: one of {', '.join(self.commands)}.")
-        return super().parse_args(ctx, [*rest[:1], *flags, *rest[1:]])
-
-
-def _is_flag(text: str) -> bool:
-    return text in _FLAGS or (text[:1] == "-" and len(text) > 1 and set(text[1:]) <= {"q", "v"})
+        return super().parse_args(ctx, args)
 
 
 def _runs_options(seeds: int, seed: int = 1, *, jobs: bool = True) -> cli.Decorator:
@@ -244,14 +217,14 @@ def _runs_options(seeds: int, seed: int = 1, *, jobs: bool = True) -> cli.Decora
     text = "Number of noise draws, starting with --seed."
     cores = "Number of processes.  [default: one for each core]"
     options = (
-        cli.METHOD.option("--seeds", text, cli.COUNT, "N", default=seeds),
-        cli.METHOD.option("--seed", "First random seed.", cli.WHOLE, "N", default=seed),
-        cli.METHOD.option("--jobs", cores, cli.COUNT, "N"),
+        cli.METHOD("--seeds", text, cli.COUNT, "N", default=seeds),
+        cli.METHOD("--seed", "First random seed.", cli.WHOLE, "N", default=seed),
+        cli.METHOD("--jobs", cores, cli.COUNT, "N"),
     )
     return cli.add_options(*options if jobs else options[:2])
 
 
-_times_option = cli.OUTPUT.option(
+_times_option = cli.OUTPUT(
     "--times", "Show how long each method took, which differs from run to run.", is_flag=True
 )
 
@@ -268,7 +241,7 @@ def study_command(**_: object) -> None:
 @cli.robot_option(_ELASTIC, "two_link_elastic")
 @_runs_options(100)
 @_times_option
-def _elastic(console: Console, *, robot: cli.NamedRobot, times: bool, **runs: Any) -> Answer:  # noqa: ANN401
+def _elastic(console: Console, *, robot: cli.NamedRobot, times: bool, **runs: cli.Given) -> Answer:
     """Errors of every method for elastic joints on four sets of logs, clean and noisy."""
     return make_answer(robot.load(console).study_elastic(timed=times, **runs))
 
@@ -276,9 +249,9 @@ def _elastic(console: Console, *, robot: cli.NamedRobot, times: bool, **runs: An
 @study_command.command("tracking")
 @cli.robot_option(_ELASTIC, "two_link_elastic")
 @_runs_options(20)
-def _tracking(console: Console, *, robot: cli.NamedRobot, seeds: int, seed: int, jobs: int | None) -> Answer:
+def _tracking(console: Console, *, robot: cli.NamedRobot, **runs: cli.Given) -> Answer:
     """Tracking errors of links with feed-forward of the identified model, another one, or none."""
-    return make_answer(robot.load(console).study_tracking(seeds=seeds, seed=seed, jobs=jobs))
+    return make_answer(robot.load(console).study_tracking(**runs))
 
 
 @study_command.command("six-joints")
@@ -290,18 +263,14 @@ def _six_joints(console: Console, *, robot: cli.NamedRobot, seeds: int, seed: in
 
 
 @study_command.command("foreign")
-@cli.METHOD.option("--arm", "2r, planar, or 3r, spatial.", click.Choice(("2r", "3r")), default="2r")
-@cli.METHOD.option("--truths", "Hidden models, separated by commas.  [default: all]", metavar="NAME,...")
-@cli.METHOD.option("--sizes", "Factors of what is foreign.", metavar="X,...", default="1")
-@cli.METHOD.option("--share", "Part of the full length of the logs.", cli.POSITIVE, "X", default=1.0)
+@cli.METHOD("--arm", "2r, planar, or 3r, spatial.", click.Choice(("2r", "3r")), default="2r")
+@cli.METHOD("--truths", "Hidden models, separated by commas.  [default: all]", metavar="NAME,...")
+@cli.METHOD("--sizes", "Factors of what is foreign.", metavar="X,...", default="1")
+@cli.METHOD("--share", "Part of the full length of the logs.", cli.POSITIVE, "X", default=1.0)
 @_runs_options(3)
-def _foreign(console: Console, *, truths: str | None, sizes: str, **runs: Any) -> Answer:  # noqa: ANN401
+def _foreign(console: Console, *, truths: str | None, sizes: str, **runs: cli.Given) -> Answer:
     """Errors of every method for elastic joints on hidden models that are not those of symid."""
-    try:
-        factors = tuple(float(part) for part in sizes.split(","))
-    except ValueError as error:
-        text = f"--sizes {sizes}: expected numbers with commas between them"
-        raise UsageError(Notice(code="usage.foreign-study", text=text)) from error
+    factors = cli.split_numbers("--sizes", sizes, "usage.foreign-study")
     names = tuple(truths.split(",")) if truths else ()
     return make_answer(symid.study_foreign(truths=names, sizes=factors, progress=console.progress, **runs))
 
@@ -311,12 +280,7 @@ def _foreign(console: Console, *, truths: str | None, sizes: str, **runs: Any) -
 @_times_option
 @cli.output_option("Page with all tables and figures to write, .html.")
 def _friction_tables(
-    console: Console,
-    *,
-    times: bool,
-    output: Path | None,
-    force: bool,
-    **runs: Any,  # noqa: ANN401
+    console: Console, *, times: bool, output: Path | None, force: bool, **runs: cli.Given
 ) -> Answer:
     """Tables of Zhang, Hu and Zou (2021) on joint friction, with our results beside theirs."""
     # Refuse an output that cannot be written before minutes of work.

@@ -4,7 +4,6 @@ import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -27,7 +26,7 @@ def doctor_command(console: Console) -> Answer:
 
 @cli.verb("demo")
 @cli.backend_option
-@cli.METHOD.option("--seed", "Random seed.", cli.WHOLE, "N", default=0)
+@cli.METHOD("--seed", "Random seed.", cli.WHOLE, "N", default=0)
 @cli.output_option("Folder for code, logs, estimate and report.  [default: demo]", folder=True)
 def demo_command(console: Console, *, backend: str, seed: int, output: Path | None, force: bool) -> Answer:
     """Simulate an arm with elastic joints, identify dynamics and hysteresis, validate, report.
@@ -41,26 +40,20 @@ def demo_command(console: Console, *, backend: str, seed: int, output: Path | No
 
 @cli.verb("new")
 @click.argument("file", metavar="ROBOT.toml", type=cli.FILE)
-@cli.INPUT.option(
-    "--from-urdf --from-mjcf urdf", "Convert a URDF or an MJCF model (MuJoCo).", cli.FILE, "FILE"
-)
+@cli.INPUT("--from-urdf --from-mjcf urdf", "Convert a URDF or an MJCF model (MuJoCo).", cli.FILE, "FILE")
 @cli.record_options(symid.DraftOptions, "base", "tip")
-@cli.INPUT.option("--from-dh table", "Read a CSV table of Denavit-Hartenberg rows.", cli.FILE, "FILE")
+@cli.INPUT("--from-dh table", "Read a CSV table of Denavit-Hartenberg rows.", cli.FILE, "FILE")
 @cli.record_options(symid.DraftOptions, "convention", "gravity")
-@cli.INPUT.option(
-    "--from name", "Copy the file of an existing robot, or convert its URDF or MJCF.", metavar="ROBOT"
-)
-@cli.INPUT.option(
-    "--log", "Log of the robot: its columns and their units become the [log] table.", cli.FILE, "LOG"
-)
-@cli.INPUT.option(
+@cli.INPUT("--from name", "Copy the file of an existing robot, or convert its URDF or MJCF.", metavar="ROBOT")
+@cli.INPUT("--log", "Log of the robot: its columns and their units become the [log] table.", cli.FILE, "LOG")
+@cli.INPUT(
     "--columns",
     "Columns of a quantity (time, position, torque, velocity), one for each joint; topic=NAME: the topic "
     "of a bag.  [default: recognised by name]",
     multiple=True,
     metavar="QUANTITY=NAME,...",
 )
-@cli.INPUT.option(
+@cli.INPUT(
     "--units",
     "Unit of the columns, one for each or one for all, if the log states none or a wrong one.",
     multiple=True,
@@ -69,20 +62,7 @@ def demo_command(console: Console, *, backend: str, seed: int, output: Path | No
 @cli.friction_option
 @cli.record_options(symid.DraftOptions, "rotors", "gear", "torque_constant")
 @cli.force_option
-def new_command(
-    console: Console,
-    *,
-    file: Path,
-    urdf: Path | None,
-    table: Path | None,
-    name: str | None,
-    log: Path | None,
-    columns: tuple[str, ...],
-    units: tuple[str, ...],
-    friction: str | None,
-    force: bool,
-    **options: Any,  # noqa: ANN401  as the record says
-) -> Answer:
+def new_command(console: Console, *, file: Path, force: bool, **options: cli.Given) -> Answer:
     """Write a commented robot file, to be completed by hand.
 
     Source is a URDF, an MJCF model, a table of Denavit-Hartenberg rows, or an existing robot. With
@@ -91,20 +71,19 @@ def new_command(
     if file.suffix.lower() != ".toml":
         text = f"{file}: a robot file needs the suffix .toml, such as {file.stem}.toml"
         raise UsageError(Notice(code="usage.suffix", text=text))
-    cli.check_output(file, force=force, inputs=(urdf, table, log))
+    log = options["log"]
+    cli.check_output(file, force=force, inputs=(options["urdf"], options["table"], log))
     code, shape = "usage.quantity", "QUANTITY=..., such as"
+    columns, units = options.pop("columns"), options.pop("units")
     draft = symid.new_robot(
-        urdf=urdf,
-        table=table,
-        robot=name,
-        log=log,
         columns=cli.split_pairs(
             "--columns", columns, f"{shape} --columns position=NAME,NAME", code, once=True
         ),
         units=cli.split_pairs("--units", units, f"{shape} --units position=deg", code, once=True),
-        friction=friction,
         options=cli.take_record(symid.DraftOptions, options),
         progress=console.progress,
+        robot=options.pop("name"),
+        **options,
     )
     cli.check_output(file, force=force, inputs=(draft.source,))
     draft.save(file)
@@ -116,11 +95,8 @@ def new_command(
     following = f"complete it, then symid check {shlex.quote(str(show_path(file)))}"
     if log is not None:
         following = f"symid check {shlex.join((str(show_path(file)), str(log)))}"
-    return Answer(
-        text="\n".join((head, *shown, f"next: {following}")),
-        result={"file": file, **draft.to_dict()},
-        warnings=tuple(notices),
-    )
+    text = "\n".join((head, *shown, f"next: {following}"))
+    return Answer(text, {"file": file, **draft.to_dict()}, tuple(notices))
 
 
 _TOO_LITTLE = 4
@@ -131,7 +107,7 @@ _TOO_LITTLE = 4
 @click.argument("logs", nargs=-1, metavar="[LOG]...", type=cli.FILE)
 @cli.friction_option
 @cli.settings_options
-@cli.OUTPUT.option(
+@cli.OUTPUT(
     "--resample",
     "Write an evenly sampled copy of the log (.npz or .csv) with all its columns.",
     cli.FILE,
@@ -165,9 +141,7 @@ def check_command(
 @cli.verb("plot")
 @cli.robot_argument()
 @click.argument("file", required=False, metavar="[LOG|TRAJECTORY|FIT]", type=cli.FILE)
-@cli.INPUT.option(
-    "--pose", "Coordinates at which the robot is drawn, rad or m.  [default: 0]", metavar="Q1,Q2,..."
-)
+@cli.INPUT("--pose", "Coordinates at which the robot is drawn, rad or m.  [default: 0]", metavar="Q1,Q2,...")
 @cli.output_option("Figures to write, .html or .svg.", required=True)
 @cli.open_option
 def plot_command(
@@ -180,16 +154,9 @@ def plot_command(
     """
     model = robot.load(console)
     cli.check_output(output, force=force, inputs=(model.path, file))
-    try:
-        values = None if pose is None else [float(part) for part in pose.split(",")]
-    except ValueError as error:
-        text = f"--pose {pose}: expected numbers with commas between them"
-        raise UsageError(Notice(code="usage.pose", text=text)) from error
+    values = None if pose is None else cli.split_numbers("--pose", pose, "usage.pose")
     figures = model.plot(file, pose=values)
     written = figures.save(output)
     captions = [entry.caption for entry in figures.drawings]
-    return Answer(
-        text="\n".join((*captions, f"plot: {show_path(written)}")),
-        result={"robot": model.name, "file": written, "figures": captions},
-        warnings=model.description.notices,
-    )
+    result = {"robot": model.name, "file": written, "figures": captions}
+    return Answer("\n".join((*captions, f"plot: {show_path(written)}")), result, model.description.notices)

@@ -20,14 +20,14 @@ from symid.options import FleetOptions, HysteresisOptions, PayloadOptions, list_
 @cli.verb("identify")
 @cli.robot_argument(computes=True)
 @click.argument("logs", nargs=-1, required=True, metavar="LOG...", type=cli.FILE)
-@cli.INPUT.option(
+@cli.INPUT(
     "--train",
     "Part of each log to fit, in seconds or per cent of its duration, such as 2.5:30 or 0:60%; give it once, "
     "or once for each log.",
     metavar="START:END",
     multiple=True,
 )
-@cli.INPUT.option(
+@cli.INPUT(
     "--test",
     "Part of each log to predict with the fit, such as 60%:, without overlap with --train; likewise.",
     metavar="START:END",
@@ -54,7 +54,7 @@ def identify_command(
     output: Path | None,
     page: Path | None,
     force: bool,
-    **further: Any,  # noqa: ANN401  as the records say
+    **further: cli.Given,
 ) -> Answer:
     """Identify base parameters and friction from logs; for elastic joints also springs.
 
@@ -141,7 +141,7 @@ def _check_mixed(options: Mapping[str, object], rows: str | None) -> None:
 @cli.verb("payload")
 @cli.robot_argument(computes=True)
 @click.argument("loaded", nargs=-1, required=True, metavar="LOADED...", type=cli.FILE)
-@cli.INPUT.option(
+@cli.INPUT(
     "--empty",
     "Estimate or log without the payload; repeat the option for several logs.",
     cli.FILE,
@@ -150,12 +150,12 @@ def _check_mixed(options: Mapping[str, object], rows: str | None) -> None:
     required=True,
 )
 @cli.record_options(PayloadOptions)
-@cli.OUTPUT.option(
+@cli.OUTPUT(
     "--for controller",
     "Print the payload as this controller takes it: Universal Robots or Franka.",
     click.Choice(("ur", "franka")),
 )
-@cli.OUTPUT.option(
+@cli.OUTPUT(
     "--frame",
     "With --for: the flange, a link of the URDF, or x,y,z,roll,pitch,yaw in the link frame (m, rad).  "
     "[default: the link frame]",
@@ -174,7 +174,7 @@ def payload_command(
     output: Path | None,
     page: Path | None,
     force: bool,
-    **options: Any,  # noqa: ANN401  typed in `RobotModel.payload`
+    **options: cli.Given,
 ) -> Answer:
     """Identify mass, centre of mass and inertia of a payload: in LOADED, but not in EMPTY.
 
@@ -190,31 +190,24 @@ def payload_command(
     if controller is None:
         return cli.add_page(answer_saved(found, output, "payload"), found, page)
     command = found.for_controller(controller, frame)
-    lines = [] if output is None else [f"payload: {show_path(found.save(output))}"]
-    answer = make_answer(
-        found, command.text, *lines, notices=command.notices, file=output, controller=asdict(command)
-    )
-    return cli.add_page(answer, found, page)
+    added = {"notices": command.notices, "controller": asdict(command)}
+    return cli.add_page(answer_saved(found, output, "payload", command.text, **added), found, page)
 
 
 @cli.verb("hysteresis")
 @click.argument("file", metavar="FILE", type=cli.FILE)
-@cli.INPUT.option(
+@cli.INPUT(
     "--input", "Column of the input, such as a torsion; data[1] is the second column of data.", metavar="NAME"
 )
-@cli.INPUT.option("--output", "Column of the output, such as a torque.", metavar="NAME")
-@cli.INPUT.option(
-    "--time", "Column of the time, s; without it no model depends on the speed.", metavar="NAME"
-)
-@cli.INPUT.option("--validate", "Recording to predict, with the same columns.", cli.FILE, "FILE")
+@cli.INPUT("--output", "Column of the output, such as a torque.", metavar="NAME")
+@cli.INPUT("--time", "Column of the time, s; without it no model depends on the speed.", metavar="NAME")
+@cli.INPUT("--validate", "Recording to predict, with the same columns.", cli.FILE, "FILE")
 @cli.record_options(HysteresisOptions)
-@cli.OUTPUT.option(
-    "-o --save", "Write the fit as JSON, which is a FILE for this verb, too.", cli.FILE, "FILE"
-)
+@cli.OUTPUT("-o --save", "Write the fit as JSON, which is a FILE for this verb, too.", cli.FILE, "FILE")
 @cli.page_option
-@cli.OUTPUT.option("--code", "Write the element and its inverse as code.", cli.FILE, "FOLDER")
-@cli.OUTPUT.option("--target", "Of --code.", click.Choice(("c", "python", "casadi")), default="c")
-@cli.OUTPUT.option("--precision", "Of --code in C.", click.Choice(("double", "float")), default="double")
+@cli.OUTPUT("--code", "Write the element and its inverse as code.", cli.FILE, "FOLDER")
+@cli.OUTPUT("--target", "Of --code.", click.Choice(("c", "python", "casadi")), default="c")
+@cli.OUTPUT("--precision", "Of --code in C.", click.Choice(("double", "float")), default="double")
 @cli.force_option
 @cli.accept_option
 def hysteresis_command(
@@ -278,8 +271,8 @@ def _read_columns(file: Path, names: Mapping[str, str | None]) -> "symid.hystere
 @cli.record_options(FleetOptions)
 @cli.output_option(
     "Folder for results; what is there is not computed again.  [default: the name of STUDY]",
-    cli.OUTPUT.option("--table", "Write all values, .parquet or .csv.", cli.FILE, "FILE"),
-    cli.OUTPUT.option("--page", "Write one HTML page.", cli.FILE, "PAGE"),
+    cli.OUTPUT("--table", "Write all values, .parquet or .csv.", cli.FILE, "FILE"),
+    cli.OUTPUT("--page", "Write one HTML page.", cli.FILE, "PAGE"),
     folder=True,
 )
 def fleet_command(
@@ -290,7 +283,7 @@ def fleet_command(
     table: Path | None,
     page: Path | None,
     force: bool,
-    **options: Any,  # noqa: ANN401  as the record says
+    **options: cli.Given,
 ) -> Answer:
     """Identify many robots or nights, and find the robots that changed.
 

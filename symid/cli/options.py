@@ -10,7 +10,7 @@ import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Any, TypeAlias, TypeVar
 
 import click
 from click import shell_completion
@@ -25,79 +25,76 @@ from symid.options import FOUND, TEXT, Kind, Options, inner, list_flags, list_op
 if TYPE_CHECKING:
     from symid import RobotModel
 
-P = ParamSpec("P")
-R = TypeVar("R")
-Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+Given: TypeAlias = Any
+"""What click takes and gives, and options of a record: whoever declares them says their types."""
+Decorator = Callable[[Callable[..., Given]], Callable[..., Given]]
 
 
 class _GroupedOption(click.Option):
     """An option with a heading in the help."""
 
-    def __init__(self, *arguments: Any, group: str = "", **settings: Any) -> None:  # noqa: ANN401  click's own
+    def __init__(self, *arguments: Given, group: str = "", **settings: Given) -> None:
         super().__init__(*arguments, **settings)
         self.group = group
 
 
-@dataclass(frozen=True, slots=True)
-class Group:
-    """A heading in the help of a verb, with the options below it."""
-
-    heading: str
-
-    def option(
-        self,
-        names: str,
-        meaning: str,
-        kind: Any = None,  # noqa: ANN401  click's own
-        metavar: str | None = None,
-        **settings: Any,  # noqa: ANN401  click's own
-    ) -> Decorator:
-        """Return an option of click, which shows its default.
-
-        Args:
-            names: of the option and, if different, of its argument, separated by blanks.
-            meaning: text in the help.
-            kind: type of its values.
-            metavar: name of its value in the help.
-            settings: of click, such as default or multiple.
-        """
-        settings.setdefault("show_default", settings.get("default") is not None)
-        settings |= {"help": meaning, "type": kind, "metavar": metavar}
-        return click.option(*names.split(), cls=_GroupedOption, group=self.heading, **settings)
+def _option(
+    group: str, names: str, meaning: str, kind: Given = None, metavar: str | None = None, **settings: Given
+) -> Decorator:
+    """Return an option of click, which shows its default; `names` may end in that of its argument."""
+    settings.setdefault("show_default", settings.get("default") is not None)
+    settings |= {"help": meaning, "type": kind, "metavar": metavar}
+    return click.option(*names.split(), cls=_GroupedOption, group=group, **settings)
 
 
-INPUT, PROCESSING, MODEL, METHOD, OUTPUT = _GROUPS = tuple(
-    map(Group, ("Input", "Processing", "Model", "Method", "Output"))
-)
+_HEADINGS = ("Input", "Processing", "Model", "Method", "Output", "")
+INPUT, PROCESSING, MODEL, METHOD, OUTPUT = (functools.partial(_option, heading) for heading in _HEADINGS[:-1])
+"""Options below a heading in the help of a verb."""
 
 
 class Verb(click.Command):
     """A command with grouped options, a summary that is never shortened, and the common flags.
 
-    Its function gets the flags as one `console`.
+    Its function gets the flags as one `console`, ROBOT and how it is read as one `robot`, and --settings and
+    --set as one `settings`; --accept and --open are for its answer.
     """
 
-    flags = OUTPUT
+    flags = "Output"
 
-    def __init__(self, *arguments: Any, **settings: Any) -> None:  # noqa: ANN401  click's own
+    def __init__(self, *arguments: Given, **settings: Given) -> None:
         super().__init__(*arguments, **settings)
         for names, text in (
             (("--json", "as_json"), "Print one JSON object on stdout."),
             (("-q", "--quiet"), "No progress and no warnings."),
             (("-v", "--verbose"), "More progress and all warnings; a traceback when symid fails."),
         ):
-            self.params.append(_GroupedOption(names, is_flag=True, help=text, group=self.flags.heading))
+            self.params.append(_GroupedOption(names, is_flag=True, help=text, group=self.flags))
 
-    def invoke(self, ctx: click.Context) -> Any:  # noqa: ANN401  click's own
-        """Call the function with its console."""
-        as_json, quiet, verbose = (ctx.params.pop(name) for name in ("as_json", "quiet", "verbose"))
-        # `answer_call` prints the answer, and reads --json and -q itself: it must print errors too.
-        ctx.params["console"] = Console(quiet=quiet, verbose=verbose and not (quiet or as_json))
-        return super().invoke(ctx)
+    def invoke(self, ctx: click.Context) -> Given:
+        """Call the function with what the options stand for."""
+        # The common flags are read by `answer_call`, which prints answers and errors, and made the console.
+        given = ctx.params
+        for flag in ("as_json", "quiet", "verbose"):
+            del given[flag]
+        given["console"] = ctx.obj
+        if "robot" in given:
+            given["robot"] = _name_robot(given.pop("robot"), given)
+        if "pairs" in given:
+            named = given.pop("named_settings")
+            expected = "KEY=VALUE, such as processing.filter_cutoff=50"
+            single = split_pairs("--set", given.pop("pairs"), expected, "usage.bad-setting")
+            given["settings"] = ({} if named is None else {"settings": named}) | single
+        accepted, opened = given.pop("accepted", False), given.pop("opened", False)
+        answer = super().invoke(ctx)
+        if opened:
+            import webbrowser
+
+            webbrowser.open(Path(str(answer.result["file"])).resolve().as_uri())
+        return answer.accept() if accepted else answer
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the options by group; those without a group come last."""
-        groups: dict[str, list[tuple[str, str]]] = {entry.heading: [] for entry in (*_GROUPS, Group(""))}
+        groups: dict[str, list[tuple[str, str]]] = {heading: [] for heading in _HEADINGS}
         for parameter in self.get_params(ctx):
             # Newer versions of click have a record of arguments too, which the usage line names already.
             record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
@@ -137,31 +134,23 @@ WHOLE, COUNT = click.IntRange(min=0), click.IntRange(min=1)
 FILE = click.Path(path_type=Path)
 
 
-_TYPES = {"file": FILE, "percent": click.FLOAT}
-
-
-def _choose_type(kind: Kind) -> Any:  # noqa: ANN401  click's own
+def _choose_type(kind: Kind) -> Given:
     """Return the type of click for the values of an option."""
     match kind.name:
         case "number":
             low, high = (value if math.isfinite(value) else None for value in (kind.least, kind.most))
             return Finite(min=low, max=high, min_open=kind.open)
         case "whole":
-            return click.IntRange(min=int(kind.least), max=int(kind.most) if kind.most < math.inf else None)
+            return click.IntRange(min=int(kind.least))
         case "words":
             return click.Choice((*kind.words, *kind.beside))
-    existing = click.Path(path_type=Path, exists=True, dir_okay=False)
-    return existing if kind is FOUND else _TYPES.get(kind.name)
+    if kind is FOUND:
+        return click.Path(path_type=Path, exists=True, dir_okay=False)
+    return {"file": FILE, "percent": click.FLOAT}.get(kind.name)
 
 
 def record_options(record: type[Options], *names: str, beside: type[Options] | None = None) -> Decorator:
-    """Return the options of the command line for fields of a record, by default all that it has there.
-
-    Args:
-        record: its fields say names, values, meanings and groups.
-        names: of the fields, in the order of the help.
-        beside: a record whose options the verb has already.
-    """
+    """Return the options of fields of a record: those named, else all that `beside` has not already."""
     known = list_options(record)
     defaults = {entry.name: entry.default for entry in fields(record)}
     made, taken = [], set(list_flags(beside)) if beside else set()
@@ -179,7 +168,7 @@ def record_options(record: type[Options], *names: str, beside: type[Options] | N
         elif not entry.shown:
             settings["show_default"] = False
         kind, named = _choose_type(entry.kind), f"{entry.name_flag(name)} {name}"
-        made.append(Group(entry.group).option(named, entry.meaning, kind, entry.metavar, **settings))
+        made.append(_option(entry.group, named, entry.meaning, kind, entry.metavar, **settings))
     return add_options(*made)
 
 
@@ -189,44 +178,32 @@ T = TypeVar("T", bound=Options)
 def take_record(record: type[T], values: dict[str, Any], joints: int = 0) -> T:
     """Return the record with the values of its fields, which are taken out of `values`.
 
-    Lists such as 1,2,3 become numbers, one for each of the `joints`.
-
-    Raises:
-        UsageError: a list has other entries, or a value is refused; all mistakes at once.
+    Lists such as 1,2,3 become numbers, one for each of the `joints`; a UsageError names all mistakes.
     """
-    known = list_options(record)
+    known, code = list_options(record), "usage.excitation"
     given = {name: value for name in known if (value := values.pop(name, None)) is not None}
     for name, text in given.items():
         if known[name].kind.name == "numbers":
-            given[name] = split_numbers(known[name].name_flag(name), text, joints)
+            flag = known[name].name_flag(name)
+            given[name] = split_numbers(flag, text, code, f"{joints} ")
+            if len(given[name]) != joints:
+                message = f"{flag}: {len(given[name])} numbers for {joints} joints; give one for each"
+                raise UsageError(Notice(code=code, text=message))
     return record(**given)
 
 
-def split_numbers(flag: str, text: str, joints: int) -> tuple[float, ...]:
-    """Return the numbers of a list such as 1,2,3; refuse any but one for each joint."""
+def split_numbers(flag: str, text: str, code: str, count: str = "") -> tuple[float, ...]:
+    """Return the numbers of a list such as 1,2,3; a UsageError with `code` says how many it may have."""
     try:
-        numbers = tuple(float(part) for part in text.split(","))
+        return tuple(map(float, text.split(",")))
     except ValueError as error:
-        message = f"{flag} {text}: expected {joints} numbers with commas between them"
-        raise UsageError(Notice(code="usage.excitation", text=message)) from error
-    if len(numbers) != joints:
-        message = f"{flag}: {len(numbers)} numbers for {joints} joints; give one for each"
-        raise UsageError(Notice(code="usage.excitation", text=message))
-    return numbers
+        message = f"{flag} {text}: expected {count}numbers with commas between them"
+        raise UsageError(Notice(code=code, text=message)) from error
 
 
 def add_options(*options: Decorator) -> Decorator:
     """Return a decorator that adds several options in order."""
-
-    def decorate(function: Callable[P, R]) -> Callable[P, R]:
-        for entry in reversed(options):
-            function = entry(function)
-        return function
-
-    return decorate
-
-
-_Item = shell_completion.CompletionItem
+    return lambda function: functools.reduce(lambda made, entry: entry(made), reversed(options), function)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -264,11 +241,7 @@ class NamedRobot(Options):
 def split_pairs(
     name: str, texts: Sequence[str], expected: str, code: str, *, once: bool = False
 ) -> dict[str, str]:
-    """Return key and value of every KEY=VALUE text of the option `name`.
-
-    Raises:
-        UsageError: with `code`, for each text without key or equals sign, and for repeated keys if `once`.
-    """
+    """Return key and value of the texts KEY=VALUE of an option; a UsageError names all mistakes."""
     pairs: dict[str, str] = {}
     mistakes = []
     for text in texts:
@@ -284,11 +257,9 @@ def split_pairs(
 
 
 def check_output(*outputs: Path | None, force: bool, inputs: Sequence[Path | str | None] = ()) -> None:
-    """Check output files before the work begins; None stands for one that is not asked for.
+    """Check output files before the work begins, None for one that is not asked for.
 
-    Raises:
-        OutputError: a file exists and --force is not given, it is one of `inputs`, or its folder does not
-            exist.
+    An OutputError says that a file exists without --force, is one of `inputs`, or has no folder.
     """
     for path in filter(None, outputs):
         for entry in [Path(given) for given in inputs if given]:
@@ -306,11 +277,11 @@ def check_output(*outputs: Path | None, force: bool, inputs: Sequence[Path | str
             raise OutputError(Notice(code="output.no-folder", text=text, file=str(path)))
 
 
-force_option = OUTPUT.option("--force", "Overwrite an existing output file, whoever wrote it.", is_flag=True)
-_force_folder_option = OUTPUT.option(
+force_option = OUTPUT("--force", "Overwrite an existing output file, whoever wrote it.", is_flag=True)
+_force_folder_option = OUTPUT(
     "--force", "Overwrite files that symid wrote; other files are still refused.", is_flag=True
 )
-friction_option = MODEL.option(
+friction_option = MODEL(
     "--friction",
     "Friction law of all joints, such as coulomb-viscous-offset or none, in place of the robot file's; "
     "identify finds the shape values of others, as stribeck, and with auto chooses the law of each joint; "
@@ -319,76 +290,27 @@ friction_option = MODEL.option(
 )
 
 
-def _gather_settings(function: Callable[..., R]) -> Callable[..., R]:
-    @functools.wraps(function)
-    def call(*, named_settings: str | None, pairs: tuple[str, ...], **options: object) -> R:
-        named = {} if named_settings is None else {"settings": named_settings}
-        expected = "KEY=VALUE, such as processing.filter_cutoff=50"
-        single = split_pairs("--set", pairs, expected, "usage.bad-setting")
-        return function(settings=named | single, **options)
-
-    return call
-
-
 settings_options = add_options(
-    PROCESSING.option(
+    PROCESSING(
         "--settings named_settings",
         "Use a named set of settings of the robot file, such as published; --set wins.",
         metavar="NAME",
     ),
-    PROCESSING.option(
+    PROCESSING(
         "--set pairs",
         "Replace a setting of the robot file, such as processing.filter_cutoff=50.",
         multiple=True,
         metavar="KEY=VALUE",
     ),
-    _gather_settings,
 )
-"""The options --settings and --set, as one `settings` with keys and values."""
-
-
-def _accept_verdict(function: Callable[..., Answer]) -> Callable[..., Answer]:
-    @functools.wraps(function)
-    def call(*, accept: bool, **options: object) -> Answer:
-        answer = function(**options)
-        return answer.accept() if accept else answer
-
-    return call
-
-
-accept_option = add_options(
-    OUTPUT.option(
-        "--accept", "Go on although the verdict is wrong: exit code 0, and a warning.", is_flag=True
-    ),
-    _accept_verdict,
+accept_option = OUTPUT(
+    "--accept accepted", "Go on although the verdict is wrong: exit code 0, and a warning.", is_flag=True
 )
-page_option = OUTPUT.option("--page", "Write verdict, figures and tables as one HTML page.", FILE, "PAGE")
+page_option = OUTPUT("--page", "Write verdict, figures and tables as one HTML page.", FILE, "PAGE")
+open_option = OUTPUT("--open opened", "Open the written page in the browser.", is_flag=True)
 
 
-_open_option = OUTPUT.option("--open opened", "Open the written page in the browser.", is_flag=True)
-
-
-def open_option(function: Callable[..., Answer]) -> Callable[..., Answer]:
-    """Return the function with --open, which shows the file of its answer once it is written."""
-
-    @functools.wraps(function)
-    def call(*, opened: bool, **options: object) -> Answer:
-        answer = function(**options)
-        if opened:
-            import webbrowser
-
-            webbrowser.open(Path(str(answer.result["file"])).resolve().as_uri())
-        return answer
-
-    return _open_option(call)
-
-
-def add_page(
-    answer: Answer,
-    result: Any,  # noqa: ANN401  all that can report
-    page: Path | None,
-    **options: object,
-) -> Answer:
+def add_page(answer: Answer, result: Given, page: Path | None, **options: object) -> Answer:
     """Return the answer with the line of a page, which is written, with `options`, if one is asked for."""
     if page is None:
         return answer
@@ -402,52 +324,38 @@ backend_option = record_options(NamedRobot, "backend")
 
 
 def robot_argument(*, computes: bool = False) -> Decorator:
-    """Return the argument ROBOT and the options for reading it, as one `NamedRobot`.
-
-    Args:
-        computes: the verb runs the robot's functions, and has --backend.
-    """
+    """Return the argument ROBOT and how it is read, for verbs that compute --backend as well."""
     taken = record_options(NamedRobot, *(("backend", *_CUTS) if computes else _CUTS))
-    argument = click.argument("robot", shell_complete=_complete_robot)
-    return lambda function: argument(taken(_name_robot(function)))
+    return add_options(click.argument("robot", shell_complete=_complete_robot), taken)
 
 
 def robot_option(meaning: str, default: str | None = None) -> Decorator:
-    """Return the option --robot of verbs with a default robot, or with the robot of an estimate.
-
-    Args:
-        meaning: text in the help.
-        default: the default robot; None for none.
-    """
-    shown = default is not None
-    settings = {"show_default": shown, "shell_complete": _complete_robot}
-    named = INPUT.option("--robot", meaning, metavar="ROBOT", default=default, **settings)
-    return add_options(named, record_options(NamedRobot, "backend", *_CUTS), _name_robot)
+    """Return the option --robot of verbs with a default robot, or with the robot of an estimate."""
+    named = INPUT("--robot", meaning, None, "ROBOT", default=default, shell_complete=_complete_robot)
+    return add_options(named, record_options(NamedRobot, "backend", *_CUTS))
 
 
-def _complete_robot(_: click.Context, __: click.Parameter, incomplete: str) -> list[_Item]:
+def _complete_robot(
+    _: click.Context, __: click.Parameter, incomplete: str
+) -> list[shell_completion.CompletionItem]:
     """Return the robots whose names begin so, and that files fit too."""
     names = [name for name in symid.list_robots() if name.startswith(incomplete)]
-    return [_Item(incomplete, type="file"), *map(_Item, names)]
+    item = shell_completion.CompletionItem
+    return [item(incomplete, type="file"), *map(item, names)]
 
 
-def _name_robot(function: Callable[..., R]) -> Callable[..., R]:
-    @functools.wraps(function)
-    def call(*, robot: str | None, **options: Any) -> R:  # noqa: ANN401  of all options
-        read = take_record(NamedRobot, options)
-        known, plain = list_options(NamedRobot), NamedRobot()
-        given = [
-            entry.name_flag(name)
-            for name, entry in known.items()
-            if getattr(read, name) != getattr(plain, name)
-        ]
-        if robot is None and given:
-            leave = f"leave {'them' if given[1:] else 'it'} out"
-            text = f"{', '.join(given)} cannot be used without --robot; name the robot, or {leave}"
-            raise UsageError(Notice(code="usage.no-robot", text=text))
-        return function(robot=robot and replace(read, source=robot), **options)
-
-    return call
+def _name_robot(robot: str | None, options: dict[str, Any]) -> NamedRobot | None:
+    """Return ROBOT with its options, which are taken out of `options`; they are refused without it."""
+    read, plain = take_record(NamedRobot, options), NamedRobot()
+    if robot is not None:
+        return replace(read, source=robot)
+    known = list_options(NamedRobot).items()
+    given = [flag.name_flag(name) for name, flag in known if getattr(read, name) != getattr(plain, name)]
+    if given:
+        leave = f"leave {'them' if given[1:] else 'it'} out"
+        text = f"{', '.join(given)} cannot be used without --robot; name the robot, or {leave}"
+        raise UsageError(Notice(code="usage.no-robot", text=text))
+    return None
 
 
 def output_option(
@@ -456,5 +364,5 @@ def output_option(
     """Return the option -o for a file or folder, options that follow it, and --force to overwrite it."""
     kind = click.Path(path_type=Path, file_okay=not folder, dir_okay=folder)
     metavar = "FOLDER" if folder else "FILE"
-    named = OUTPUT.option("-o --output", meaning, kind, metavar, required=required)
+    named = OUTPUT("-o --output", meaning, kind, metavar, required=required)
     return add_options(named, *between, _force_folder_option if folder else force_option)

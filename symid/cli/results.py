@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import click
 
@@ -20,19 +19,19 @@ from symid.options import ExportOptions
 @cli.robot_argument(computes=True)
 @click.argument("estimate", type=cli.FILE)
 @click.argument("log", type=cli.FILE)
-@cli.INPUT.option(
+@cli.INPUT(
     "--test",
     "Part of LOG to predict, such as 60%: after `identify --train 0:60%`; a number without a unit has that "
     "of --train, or is in seconds.  [default: all of it]",
     metavar="START:END",
 )
-@cli.OUTPUT.option(
+@cli.OUTPUT(
     "--gate",
     "Limit of the mean relative residual of the joints; for elastic joints, of each table.",
     cli.POSITIVE,
     "PERCENT",
 )
-@cli.PROCESSING.option(
+@cli.PROCESSING(
     "--band",
     "Compare torques at the full sample rate, the measured one and the one predicted from the states of "
     "the fit with the same low-pass filter, without half a second at either end; --gate applies to this "
@@ -40,14 +39,14 @@ from symid.options import ExportOptions
     cli.POSITIVE,
     "HZ",
 )
-@cli.METHOD.option(
+@cli.METHOD(
     "--tracking",
     "Elastic joints: simulate the tracking of another motion with feed-forward of ESTIMATE; the "
     "robot file must state the true values.",
     is_flag=True,
 )
-@cli.METHOD.option("--against", "With --tracking: a second estimate to compare with.", cli.FILE, "ESTIMATE")
-@cli.METHOD.option(
+@cli.METHOD("--against", "With --tracking: a second estimate to compare with.", cli.FILE, "ESTIMATE")
+@cli.METHOD(
     "--seed",
     "With --tracking: follow a random motion of this seed.  [default: tc for two joints, else 1]",
     cli.WHOLE,
@@ -61,13 +60,10 @@ def validate_command(
     robot: cli.NamedRobot,
     estimate: Path,
     log: Path,
-    test: str | None,
-    gate: float | None,
-    band: float | None,
     tracking: bool,
     against: Path | None,
     seed: int | None,
-    settings: dict[str, str],
+    **trial: cli.Given,
 ) -> Answer:
     """Predict the torques of LOG with the parameters in ESTIMATE; nothing is fitted.
 
@@ -82,37 +78,36 @@ def validate_command(
     if tracking and not isinstance(fit, ElasticFit):
         text = "--tracking needs an estimate of elastic joints with their springs; leave it out"
         raise UsageError(Notice(code="usage.rigid-tracking", text=text, file=str(estimate)))
-    if not isinstance(fit, ElasticFit) or not tracking or band is not None:
-        return make_answer(fit.validate(log, test=test, gate=gate, band=band, settings=settings))
+    if not isinstance(fit, ElasticFit) or not tracking or trial["band"] is not None:
+        return make_answer(fit.validate(log, **trial))
+    del trial["band"]
     other = None if against is None else symid.load_fit(against)
     if other is not None and not isinstance(other, ElasticFit):
         text = "--against: expected an estimate of elastic joints"
         raise UsageError(Notice(code="usage.rigid-tracking", text=text, file=str(against)))
     others = [] if other is None else [other]
-    return make_answer(fit.track(log, against=others, seed=seed, test=test, gate=gate, settings=settings))
+    return make_answer(fit.track(log, against=others, seed=seed, **trial))
 
 
 @cli.verb("compare")
 @cli.robot_argument()
 @click.argument("estimate", type=cli.FILE)
 @click.argument("others", nargs=-1, required=True, metavar="OTHER...", type=cli.FILE)
-@cli.INPUT.option("--name", "Table column of names or groups.", metavar="COLUMN")
-@cli.INPUT.option("--value", "Table column of values.", metavar="COLUMN")
-@cli.INPUT.option("--deviation", "Table column of standard deviations.", metavar="COLUMN")
-@cli.INPUT.option(
+@cli.INPUT("--name", "Table column of names or groups.", metavar="COLUMN")
+@cli.INPUT("--value", "Table column of values.", metavar="COLUMN")
+@cli.INPUT("--deviation", "Table column of standard deviations.", metavar="COLUMN")
+@cli.INPUT(
     "--deviation-unit",
     "Unit of the table's standard deviations.  [default: by the name of their column]",
     click.Choice(("absolute", "percent")),
 )
-@cli.INPUT.option(
+@cli.INPUT(
     "--read-as",
     'Read a group of a table as another sum, such as "fv5 = fv5 + fvm6".',
     multiple=True,
     metavar="GROUP=SUM",
 )
-@cli.METHOD.option(
-    "--gate", "Limit of the largest difference, in standard deviations.", cli.POSITIVE, "SIGMA"
-)
+@cli.METHOD("--gate", "Limit of the largest difference, in standard deviations.", cli.POSITIVE, "SIGMA")
 @cli.page_option
 @cli.force_option
 def compare_command(
@@ -124,7 +119,7 @@ def compare_command(
     read_as: tuple[str, ...],
     page: Path | None,
     force: bool,
-    **options: Any,  # noqa: ANN401  of tables and the gate, typed in `compare_fit`
+    **options: cli.Given,
 ) -> Answer:
     """Compare the values in ESTIMATE with those of every OTHER.
 
@@ -141,16 +136,14 @@ def compare_command(
 
 @cli.verb("report")
 @click.argument("estimate", type=cli.FILE)
-@cli.INPUT.option(
-    "--validation logs", "Held-out log to predict; may be repeated.", cli.FILE, "LOG", multiple=True
-)
-@cli.INPUT.option(
+@cli.INPUT("--validation logs", "Held-out log to predict; may be repeated.", cli.FILE, "LOG", multiple=True)
+@cli.INPUT(
     "--test",
     "Part of the logs of --validation to predict, as in `validate`; give it once, or once for each log.",
     metavar="START:END",
     multiple=True,
 )
-@cli.METHOD.option(
+@cli.METHOD(
     "--diagnose",
     "Read the logs of the fit again: identifiability, essential parameters, bootstrap, drift, and "
     "which term the residual misses.",
@@ -197,15 +190,13 @@ def report_command(
             text = f"{', '.join(given)} needs an estimate of dynamics or friction; leave it out"
             raise UsageError(Notice(code="usage.no-validation", text=text, file=str(estimate)))
         written = cli.add_page(make_answer(other), other, output)
-        return replace(
-            written, text=f"report: {show_path(output)}", result={**written.result, "file": output}
-        )
+        result = {**written.result, "file": output}
+        return replace(written, text=f"report: {show_path(output)}", result=result)
     fit = symid.load_fit(estimate, None if robot is None else robot.load(console), progress=console.progress)
     if logs or diagnose:
         cli.check_output(output, force=True, inputs=(fit.robot.path,))
-    return make_answer(
-        fit.report(output, validation=logs, test=test or None, settings=settings, diagnose=diagnose)
-    )
+    page = fit.report(output, validation=logs, test=test or None, settings=settings, diagnose=diagnose)
+    return make_answer(page)
 
 
 @cli.verb("export")
@@ -214,7 +205,7 @@ def report_command(
 @cli.output_option(
     "File to write: .toml, .urdf, .xml or .mjcf (MuJoCo), .usda, .h (C), .json.",
     cli.record_options(ExportOptions, "precision"),
-    cli.OUTPUT.option("--in-place", "Write the URDF or MJCF that ROBOT was made from, not -o.", is_flag=True),
+    cli.OUTPUT("--in-place", "Write the URDF or MJCF that ROBOT was made from, not -o.", is_flag=True),
     cli.record_options(ExportOptions, "accept", "limit"),
 )
 def export_command(
@@ -225,7 +216,7 @@ def export_command(
     output: Path | None,
     in_place: bool,
     force: bool,
-    **values: Any,  # noqa: ANN401  as the record says
+    **values: cli.Given,
 ) -> Answer:
     """Write ROBOT with the values in ESTIMATE; the suffix of FILE selects the format.
 

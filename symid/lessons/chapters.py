@@ -10,7 +10,7 @@ Supported: robots of the exact algebra. Not supported: more than one tool; loops
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations_with_replacement
+from itertools import combinations_with_replacement, product
 from typing import TypeAlias
 
 import numpy as np
@@ -167,26 +167,24 @@ def build_values(robot: Robot, model: LessonModel) -> tuple[dict[str, float], tu
     base = dynamics.derive_base_parameters(robot)
     known = dynamics.compute_parameter_values(robot, base)
     missing = [entry for entry in base.parameters if entry.name not in known]
-    numbers = {
-        (link, name): x for link, body in enumerate(bodies) for name, x in zip(INERTIAL, body, strict=True)
-    }
+    pairs = product(enumerate(bodies), enumerate(INERTIAL))
+    numbers = {(link, name): body[k] for (link, body), (k, name) in pairs}
     defaults = {"IA": 0.1, "KS": 10.0, "KR": 0.0}
     grouping = dynamics.build_grouping(robot, base)
     standard = np.array([numbers.get(label, defaults.get(label[1], 0.0)) for label in grouping.labels])
-    made = dict(
-        zip((p.name for p in grouping.parameters), map(float, grouping.matrix @ standard), strict=True)
-    )
-    beta = {entry.name: known.get(entry.name, made[entry.name]) for entry in base.parameters}
+    made = zip(grouping.parameters, map(float, grouping.matrix @ standard), strict=True)
+    stand_ins = {entry.name: value for entry, value in made}
+    beta = {entry.name: known.get(entry.name, stand_ins[entry.name]) for entry in base.parameters}
     values = {**dict(model.robot.symbols), **beta}
     for number, body in enumerate(bodies, start=1):
         # Mass, centre of mass and central inertia by the letters of lessons.
         mass = body[9]
         c = np.array(body[6:9]) / mass if mass else np.zeros(3)
         central = np.array(body[:6]) - (mass * (c @ c * np.eye(3) - np.outer(c, c)))[np.triu_indices(3)]
-        pairs = combinations_with_replacement("xyz", 2)
+        places = combinations_with_replacement("xyz", 2)
         values |= {f"m{number}": mass}
         values |= {f"l{axis}{number}": x for axis, x in zip("xyz", c.tolist(), strict=True)}
-        values |= {f"I{number}{i}{j}": x for (i, j), x in zip(pairs, central.tolist(), strict=True)}
+        values |= {f"I{number}{i}{j}": x for (i, j), x in zip(places, central.tolist(), strict=True)}
     return values, tuple(beta.values()), bool(missing)
 
 
@@ -317,9 +315,8 @@ def write_kinematics(writer: ChapterWriter) -> Iterator[Chapter]:
             (c, s), zero = frame.turn, algebra.zero
             turn = ((c, algebra.neg(s), zero), (s, c, zero), (zero, zero, algebra.one))
             rotation = algebra.multiply_matrices(rotation, turn)
-        rows = [
-            [*map(writer.latex, row), writer.latex(x)] for row, x in zip(rotation, frame.origin, strict=True)
-        ]
+        pairs = zip(rotation, frame.origin, strict=True)
+        rows = [[writer.latex(value) for value in (*row, x)] for row, x in pairs]
         left = rf"{{}}^{{{robot.joints[index].parent + 1}}}T_{{{index + 1}}}"
         matrices.append(write_matrix(left, [*rows, ["0", "0", "0", "1"]]))
     items: tuple[Item, ...] = (say(f"{text}."), *_fold(matrices, "All transforms"))
@@ -380,20 +377,18 @@ def write_base(writer: ChapterWriter) -> Chapter:
     rows = [("name", "stands for", "why", "show")]
     for entry in base.parameters:
         # The drawing shows what lies on the axis of a joint: of the first such member of the group.
-        shown = next(
-            (
-                f"show:{link + 1}:{name}"
-                for (link, name), _ in entry.terms[1:]
-                if link < robot.size and name in ("M", "MZ", "YY") and not robot.joints[link].prismatic
-            ),
-            "",
+        members = (label for label, _ in entry.terms[1:] if label[0] < robot.size)
+        turned = (
+            (k, name) for k, name in members if name in ("M", "MZ", "YY") and not robot.joints[k].prismatic
         )
+        shown = next((f"show:{k + 1}:{name}" for k, name in turned), "")
         terms = _write_group(writer, entry)
         rows.append((f"${writer.symbol(entry.name)}$", f"${terms}$", entry.reason, shown))
     gone: dict[str, list[str]] = {}
     for lost in base.eliminated:
         gone.setdefault(lost.reason, []).append(f"${writer.symbol(dynamics.write_label(robot, lost.label))}$")
     lost_rows = (("eliminated", "why"), *((", ".join(names), reason) for reason, names in gone.items()))
+    lost_title = f"What no torque shows alone ({len(base.eliminated)} parameters)"
     items = [
         say(
             f"The energies are linear in the {total} standard parameters of links, rotors and springs. Only "
@@ -402,23 +397,14 @@ def write_base(writer: ChapterWriter) -> Chapter:
         ),
         Item("hint", 'A button "show" plays the motion that cannot tell the members of a group apart.'),
         Item("table", rows=tuple(rows), text="base"),
-        Item(
-            "details",
-            f"What no torque shows alone ({len(base.eliminated)} parameters)",
-            items=(Item("table", rows=lost_rows),),
-        ),
+        Item("details", lost_title, items=(Item("table", rows=lost_rows),)),
     ]
     if model.form != "base":
         items.append(say("In the letters of this lesson:"))
-        items += [
-            writer.formula(
-                writer.symbol(entry.name),
-                model.parameters[entry.label],
-                f"beta_{entry.name}",
-                dynamics.get_label_unit(robot, entry.label),
-            )
-            for entry in base.parameters
-        ]
+        for entry in base.parameters:
+            left, value = writer.symbol(entry.name), model.parameters[entry.label]
+            unit = dynamics.get_label_unit(robot, entry.label)
+            items.append(writer.formula(left, value, f"beta_{entry.name}", unit))
     return Chapter("Base parameters", "base", tuple(items))
 
 

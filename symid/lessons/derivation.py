@@ -28,7 +28,7 @@ from symid.notation import INERTIAL
 from symid.robot import JointKind, Robot
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Formula:
     """An equation `left = right`, both sides in plain text and in LaTeX."""
 
@@ -50,8 +50,7 @@ class Step:
 
 def _write_formula(left: str, text: str, latex: str = "") -> Formula:
     """Return left = text, without `latex` a sentence."""
-    right = latex or rf"\text{{{text}}}"
-    return Formula(left=left, text=text, latex=right, left_latex=dynamics.write_name_latex(left))
+    return Formula(left, text, latex or rf"\text{{{text}}}", dynamics.write_name_latex(left))
 
 
 def _describe_frames(robot: Robot) -> Step:
@@ -104,12 +103,8 @@ def _describe_energy(energy: dynamics.ExactEnergy, base: dynamics.BaseParameters
     # A potential that no coordinate changes, as of a link that stays up, is no information.
     basis = dynamics.build_basis(energy.robot, energy.algebra, dynamics.build_field(energy.robot))
     constant = dynamics.build_power_function(basis)
-    lost = [
-        label
-        for left in rest
-        for label, value in left.items()
-        if any(function != constant for function in dynamics.split_polynomial(basis, value))
-    ]
+    entries = [*rest[0].items(), *rest[1].items()]
+    lost = [label for label, value in entries if {*dynamics.split_polynomial(basis, value)} - {constant}]
     require(not lost, f"the grouping loses {lost}")
     return Step(
         title="Energy",
@@ -134,12 +129,8 @@ def _describe_matrices(robot: Robot) -> list[Step]:
 
     def write(letter: str, value: PolyElement, *place: int) -> Formula:
         total, below = write_sum(value, sums), "".join(str(k + 1) for k in place)
-        return Formula(
-            left=f"{letter}{below}",
-            text=write_text(total).replace("**", "^"),
-            latex=write_latex(total, style),
-            left_latex=f"{letter}_{{{below}}}",
-        )
+        text, right = write_text(total).replace("**", "^"), write_latex(total, style)
+        return Formula(f"{letter}{below}", text, right, f"{letter}_{{{below}}}")
 
     mass = [write("M", equations.mass[i][j], i, j) for i in size for j in size if j >= i]
     coriolis = [write("C", equations.coriolis[i][j], i, j) for i in size for j in size]
@@ -171,10 +162,8 @@ def _describe_torques(robot: Robot, energy: dynamics.ExactEnergy, base: dynamics
         numbers = dynamics.PointAlgebra(algebra.ring.domain, values)
         recursion = dynamics.build_recursion(robot, numbers, dynamics.build_state(robot, numbers, values))
         by_recursion = dynamics.compute_torque_columns(recursion, base.keys)
-        pairs = (
-            (dynamics.fold_vector(robot, numbers, by_recursion[key]), from_energy[key]) for key in base.keys
-        )
-        same = all(found == tuple(wanted) for found, wanted in pairs)
+        folded = {key: dynamics.fold_vector(robot, numbers, by_recursion[key]) for key in base.keys}
+        same = all(folded[key] == tuple(from_energy[key]) for key in base.keys)
         require(same, "Lagrange and Newton-Euler differ at a rational point")
         check = "verified exactly at a rational point: equal to the Newton-Euler recursion"
         return Step(title="Torques", sentence=sentence, check=check)
@@ -227,17 +216,13 @@ def describe_friction(robot: Robot) -> Step | None:
             values = dict(zip((entry.name for entry in law.linear), linear, strict=True))
             values |= joint_models.list_memory_values(law, joint.friction)
             still = (0.0,) * joint_models.count_states(law, joint.friction)
-            torque, _ = joint_models.advance_memory(
-                joint_models.build_float_carrier(), values, 0.3, _LONG_WAY, still
-            )
-            curve = joint_models.compute_friction_torque(
-                law, {"velocity": np.array([0.3])}, linear, joint.friction.shape
-            )
+            carrier, speed = joint_models.build_float_carrier(), {"velocity": np.array([0.3])}
+            torque, _ = joint_models.advance_memory(carrier, values, 0.3, _LONG_WAY, still)
+            curve = joint_models.compute_friction_torque(law, speed, linear, joint.friction.shape)
             same = abs(torque - float(curve[0])) <= _AGREEMENT * abs(torque)
             require(same, "bristles do not end at the curve of steady sliding")
             checked = "verified at a speed: after a long way bristles give the curve of steady sliding"
-        left, latex_left = f"tau_f{number}", rf"\tau_{{f{number}}}"
-        formulas.append(Formula(left=left, text=law.formula, latex=steady, left_latex=latex_left))
+        formulas.append(Formula(f"tau_f{number}", law.formula, steady, rf"\tau_{{f{number}}}"))
     if not sentences:
         return None
     return Step(
@@ -249,11 +234,7 @@ def describe_friction(robot: Robot) -> Step | None:
 
 
 def derive_lesson(robot: Robot) -> tuple[Step, ...]:
-    """Return the derivation of the dynamics of `robot`, step by step.
-
-    Raises:
-        SymidError: two derivations that must agree do not.
-    """
+    """Return the derivation of the dynamics, step by step; a SymidError where derivations do not agree."""
     base, energy = dynamics.derive_base_parameters(robot), dynamics.derive_energy(robot)
     state = dynamics.build_state(robot, energy.algebra, energy.algebra.generators)
     motions = dynamics.build_recursion(robot, energy.algebra, state).motions

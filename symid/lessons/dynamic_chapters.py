@@ -4,17 +4,13 @@ Robot, book -> `Lesson`: energies, base parameters, M, C, g, equation of motion,
 three joints, and where four give short formulas, all is written out; beyond, composite bodies and their
 momenta have names, and torques are those of the recursion. What is stated as checked was compared before.
 Then, on elastic joints, motor and link, springs, energies, inverse, two steps; the page runs the generated
-step of the springs beside them.
+step of the springs beside them (Kuhnen 2003; Zhang and Zhang 2023 for the two-step method).
 
-    link    M ddq + C dq + g = tau_J            play  P_r[x] = max(x - r, min(x + r, P_r before))
-    motor   IA ddtheta + tau_f + tau_J = tau_m  stop  E_r[x] = x - P_r[x]
-    spring  tau_J = S(k0 phi + sum k_i E_i[phi]),  phi = theta - q
-
-Kuhnen 2003; Zhang and Zhang 2023 for the two-step method.
 Supported: robots of the exact algebra; springs with stops, knees and a cubic part.
 Not supported: a closed form of C beyond four joints; branches of other models (named only).
 """
 
+import re
 from collections.abc import Iterable, Iterator, Sequence
 
 from sympy.polys.rings import PolyElement
@@ -46,11 +42,7 @@ _MOST_TERMS = 24
 
 
 def build_lesson(robot: Robot, book: Book, form: matrices.Parameterisation | None = None) -> Lesson:
-    """Return the lesson on `robot` in the letters of `book`.
-
-    Raises:
-        SymidError: two derivations that must agree do not.
-    """
+    """Return the lesson on `robot` in the letters of `book`; a SymidError where derivations do not agree."""
     known = any(joint.inertial is not None for joint in robot.joints)
     plain = all(joint.form is None for joint in robot.joints)
     if form is None and book.name in ("siciliano", "craig") and known and robot.freedom <= WRITTEN_OUT:
@@ -86,11 +78,9 @@ def build_lesson(robot: Robot, book: Book, form: matrices.Parameterisation | Non
 
 def _write_slopes(writer: ChapterWriter, slopes: Iterable[tuple[str, str, PolyElement]]) -> tuple[Item, ...]:
     """Return d(symbol)/d(parameter) = value for all that are not zero."""
-    return tuple(
-        writer.formula(rf"\frac{{\partial {symbol}}}{{\partial {writer.symbol(name)}}}", value)
-        for symbol, name, value in slopes
-        if value
-    )
+    left = r"\frac{{\partial {}}}{{\partial {}}}"
+    known = ((symbol, writer.symbol(name), value) for symbol, name, value in slopes if value)
+    return tuple(writer.formula(left.format(top, below), value) for top, below, value in known)
 
 
 def _list_energy_slopes(
@@ -138,9 +128,8 @@ def _write_short(writer: ChapterWriter, equations: matrices.Equations) -> Iterat
         ),
     )
     yield write_base(writer)
-    require(
-        matrices.check_mass_is_curvature(equations), "M is not the second derivative of the kinetic energy"
-    )
+    curved = matrices.check_mass_is_curvature(equations)
+    require(curved, "M is not the second derivative of the kinetic energy")
     texts = [[writer.latex(value) for value in row] for row in equations.mass]
     mass = []
     if len(texts) <= 2 and _is_small(texts, 120):
@@ -171,11 +160,8 @@ def _write_short(writer: ChapterWriter, equations: matrices.Equations) -> Iterat
     yield _write_coriolis(writer, equations)
     slope = rf"${book.gravity}_i = \partial {V} / \partial {q}_i$"
     text = f"At rest the motors hold the slope of the potential: {slope}."
-    yield Chapter(
-        "Gravity",
-        "gravity",
-        (say(text), *_write_gravity(writer, equations.gravity), Item("widget", "gravity")),
-    )
+    weights = (say(text), *_write_gravity(writer, equations.gravity), Item("widget", "gravity"))
+    yield Chapter("Gravity", "gravity", weights)
     require(matrices.check_newton_euler(equations), "Lagrange and Newton-Euler differ")
     require(matrices.check_power(equations), "the power of the torques is not the change of the energy")
     columns = compute_torque_columns(matrices.build_model_recursion(model), model.base.keys)
@@ -210,10 +196,7 @@ def _write_short(writer: ChapterWriter, equations: matrices.Equations) -> Iterat
 
 def _is_small(texts: Sequence[Sequence[str]], most: int) -> bool:
     """Return whether formulas are short enough for the elements of a matrix."""
-    plain = (
-        text.replace(r"\,", "").replace(r"\mathit", "").replace("{", "") for row in texts for text in row
-    )
-    return all(len(text) <= most for text in plain)
+    return all(len(re.sub(r"\\,|\\mathit|\{", "", text)) <= most for row in texts for text in row)
 
 
 def _write_gravity(writer: ChapterWriter, values: Sequence[PolyElement]) -> list[Item]:
@@ -297,18 +280,13 @@ def _write_products(
         codes[i, j] = " + ".join(terms) or "0"
     names = {(i, j): f"C{i + 1}_{j + 1}" for i, j in places}
     if len(joints) <= WRITTEN_OUT and _is_small(texts, 60):
-        values = [Item("value", name=names[place], code=codes[place]) for place in places]
+        values = [Item("value", name=name, code=codes[place]) for place, name in names.items()]
         return [write_matrix(C, texts), *values]
-    return [
-        Item(
-            "formula",
-            latex=rf"{C}_{{{i + 1}{j + 1}}} = {texts[i][j]}",
-            name=names[i, j],
-            code=codes[i, j],
-            unit="kg m²/s",
-        )
-        for i, j in places
-    ]
+    items = []
+    for (i, j), name in names.items():
+        latex = rf"{C}_{{{i + 1}{j + 1}}} = {texts[i][j]}"
+        items.append(Item("formula", latex=latex, name=name, code=codes[i, j], unit="kg m²/s"))
+    return items
 
 
 def _write_law(book: Book) -> list[Item]:
@@ -410,21 +388,16 @@ def _write_long(writer: ChapterWriter, composites: matrices.Composites) -> Itera
 
 def _write_joints(robot: Robot) -> Iterator[Chapter]:
     items: list[Item] = []
-    rotors = [
-        str(k)
-        for k, joint in enumerate(robot.joints, start=1)
-        if joint.drive.has_rotor and joint.elasticity is None
-    ]
+    numbers = enumerate(robot.joints, start=1)
+    rotors = [str(k) for k, joint in numbers if joint.drive.has_rotor and joint.elasticity is None]
     if rotors or robot.couplings:
         text = (
             f"The rotors of joints {', '.join(rotors)} turn with their joints: $\\mathit{{IA}}_j\\,\\dot "
             f"q_j^2/2$ is added to the kinetic energy, $\\mathit{{IA}}_j$ the inertia on the joint side. "
         )
-        drives = (
-            f"Drive {one.name} turns with several joints, so its inertia couples them."
-            for one in robot.couplings
-        )
-        items.append(say((text if rotors else "") + " ".join(drives)))
+        drive = "Drive {} turns with several joints, so its inertia couples them."
+        drives = " ".join(drive.format(one.name) for one in robot.couplings)
+        items.append(say((text if rotors else "") + drives))
     friction = describe_friction(robot)
     if friction is not None:
         items.append(say(friction.sentence))

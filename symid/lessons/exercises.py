@@ -34,7 +34,7 @@ from itertools import repeat
 from typing import Any, NoReturn, TypeAlias, cast
 
 import numpy as np
-from sympy import Rational
+from sympy import QQ, Rational
 from sympy.polys.polyerrors import CoercionFailed
 from sympy.polys.rings import PolyRing
 
@@ -141,8 +141,8 @@ def _ask_effect(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
     labels = [lost.label, *(entry.label for entry in others)]
     names = [(dynamics.write_label(robot, label), label == lost.label) for label in labels]
     options = tuple((f"${write_symbol(name, lesson.book)}$", right) for name, right in sorted(names))
-    prompt = "Which of these parameters can no motion of this robot show"
-    prompt += f", and why? ({', '.join(name for name, _ in sorted(names))})"
+    listed = ", ".join(name for name, _ in sorted(names))
+    prompt = f"Which of these parameters can no motion of this robot show, and why? ({listed})"
     return Exercise(prompt=prompt, answer=f"{lost.name}: {lost.reason}", options=options)
 
 
@@ -179,11 +179,7 @@ def write_sheet(robot: str, exercises: Sequence[Exercise], settings: Mapping[str
 
 
 def read_sheet(text: str, file: str) -> AnswerSheet:
-    """Return what stands in a sheet.
-
-    Raises:
-        InputError: it does not say how it was drawn, or a number has two answers; all mistakes at once.
-    """
+    """Return what stands in a sheet; an InputError names all mistakes, such as a number with two answers."""
     settings, prompts, answers = dict[str, str](), dict[int, str](), dict[int, str]()
     notices, last = list[Notice](), 0
     for place, line in enumerate(text.splitlines(), start=1):
@@ -223,8 +219,7 @@ class MarkedAnswer:
 def mark_sheet(robot: Robot, sheet: AnswerSheet, file: str) -> tuple[MarkedAnswer, ...]:
     """Return the marks of a sheet that was written for `robot`; its exercises are drawn again.
 
-    Raises:
-        InputError: its settings cannot be read, or its questions are others.
+    An InputError says that its settings cannot be read, or that its questions are others.
     """
     settings = {"notation": "symid", "seed": "0", **sheet.settings}
     form = settings.get("parameters")
@@ -293,11 +288,7 @@ class Expression:
 
 
 def read_formula(text: str) -> Expression:
-    """Return a typed formula as a tree.
-
-    Raises:
-        InputError: it cannot be read; the message says where.
-    """
+    """Return a typed formula as a tree; an InputError says where it cannot be read."""
     plain = text.replace("\N{MINUS SIGN}", "-").replace("**", "^")
     reader = _Reader(_TOKEN.findall(plain))
     whole = reader.read_sum()
@@ -307,11 +298,7 @@ def read_formula(text: str) -> Expression:
 
 
 def read_answer(typed: str) -> Expression:
-    """Return a formula that a student typed as a tree; a long one is refused.
-
-    Raises:
-        InputError: it cannot be read.
-    """
+    """Return a formula that a student typed as a tree; an InputError refuses a long one as well."""
     if len(typed) > _LONGEST:
         _refuse(f"the formula is longer than {_LONGEST} letters")
     return read_formula(typed)
@@ -383,11 +370,7 @@ class _Reader:
 
 
 def evaluate_number(node: Expression, values: Mapping[str, float]) -> float:
-    """Return a formula as a number, letters from `values`.
-
-    Raises:
-        InputError: a letter has no value, or there is no such number.
-    """
+    """Return a formula as a number, letters from `values`; an InputError says why there is none."""
     if node.kind == "letter":
         if node.text not in values:
             _refuse(f'"{node.text}" has no value in this lesson')
@@ -399,15 +382,10 @@ def evaluate_number(node: Expression, values: Mapping[str, float]) -> float:
         _refuse("the formula has no finite value")
 
 
+_ARITHMETIC = (operator.add, operator.sub, operator.mul, operator.truediv, math.pow)
 _OPERATIONS: Mapping[str, Callable[..., Any]] = {
-    "+": operator.add,
-    "-": operator.sub,
-    "*": operator.mul,
-    "/": operator.truediv,
-    "^": math.pow,
-    "sin": math.sin,
-    "cos": math.cos,
-    "sqrt": math.sqrt,
+    **dict(zip("+-*/^", _ARITHMETIC, strict=True)),
+    **{name: getattr(math, name) for name in _FUNCTIONS},
 }
 
 
@@ -432,8 +410,8 @@ class _Field:
             return self._call(node), one
         match node.kind:
             case "number":
-                value, convert = Fraction(node.text), self.domain.convert
-                return one * (convert(value.numerator) / convert(value.denominator)), one
+                value = Fraction(node.text)
+                return one * self.domain.convert(QQ(value.numerator, value.denominator)), one
             case "letter":
                 name = node.text
                 if name in self.letters:
@@ -526,12 +504,7 @@ class FormulaComparison:
     def compare(self, typed: str, answer: str) -> tuple[bool, str]:
         """Return whether a typed formula equals the answer, and how that was found.
 
-        Args:
-            typed: by a student.
-            answer: as text, also as JavaScript of the page.
-
-        Raises:
-            InputError: the typed formula cannot be read.
+        The answer may be JavaScript of the page; an InputError says that the typed formula cannot be read.
         """
         left, right = read_answer(typed), read_formula(_JAVASCRIPT.sub("", answer))
         letters = set(_list_letters(left))
@@ -562,9 +535,8 @@ def build_comparison(lesson: Lesson) -> FormulaComparison:
     """Return what formulas typed for a lesson are compared in."""
     robot, model = lesson.robot, lesson.model
     items = list_items([item for chapter in lesson.chapters for item in chapter.items])
-    formulas = {
-        item.name: read_formula(_JAVASCRIPT.sub("", item.code)) for item in items if item.name and item.code
-    }
+    known = ((item.name, item.code) for item in items if item.name and item.code)
+    formulas = {name: read_formula(_JAVASCRIPT.sub("", code)) for name, code in known}
     own = list(map(str, model.algebra.ring.symbols))
     rates = [f"{head}q{number}" for number in range(1, robot.size + 1) for head in ("", "d", "dd")]
     standard = [dynamics.write_label(robot, label) for label in model.base.labels]
@@ -574,26 +546,22 @@ def build_comparison(lesson: Lesson) -> FormulaComparison:
     ring = PolyRing([*further, *own], domain)
     algebra = ExactAlgebra(ring, tuple((s + shift, c + shift) for s, c in model.algebra.sines))
     # Letters of the ring that the page has as formulas, such as composite bodies, are these formulas.
-    known = {name: value for name, value in algebra.generators.items() if name not in formulas}
+    letters = {name: value for name, value in algebra.generators.items() if name not in formulas}
 
     def build(algebra: ExactAlgebra | PointAlgebra, letters: Mapping[str, Any]) -> _Field:
         return _Field(algebra=algebra, domain=domain, letters=letters, formulas=formulas, size=robot.size)
-
-    def convert(value: Fraction) -> Any:  # noqa: ANN401  an element of the domain
-        return domain.convert(value.numerator) / domain.convert(value.denominator)
 
     points = []
     for seed in _POINTS:
         # Exact numbers for all letters, with s^2 + c^2 = 1.
         rng = np.random.default_rng(seed)
-        draws = [
-            Fraction(int(rng.integers(1, 400)), int(rng.integers(200, 400))) for _ in range(2 * len(known))
-        ]
-        point = {name: convert(value) for name, value in zip(known, draws, strict=False)}
-        for name, t in zip(known, draws[len(known) :], strict=True):
+        point: dict[str, Fraction] = {}
+        for name in letters:
+            t = Fraction(int(rng.integers(1, 400)), int(rng.integers(200, 400)))
             if name[0] == "s" and name[1:].isdigit():
-                point[name] = convert(2 * t / (1 + t * t))
-                point[f"c{name[1:]}"] = convert((1 - t * t) / (1 + t * t))
-        points.append(build(PointAlgebra(domain, {}), point))
+                point |= {name: 2 * t / (1 + t * t), f"c{name[1:]}": (1 - t * t) / (1 + t * t)}
+            point.setdefault(name, t)
+        numbers = {name: domain.convert(QQ(x.numerator, x.denominator)) for name, x in point.items()}
+        points.append(build(PointAlgebra(domain, {}), numbers))
     short = robot.freedom <= WRITTEN_OUT
-    return FormulaComparison(points=tuple(points), ring=build(algebra, known) if short else None)
+    return FormulaComparison(points=tuple(points), ring=build(algebra, letters) if short else None)

@@ -20,10 +20,10 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from itertools import compress, product
+from itertools import chain, combinations_with_replacement, compress, product
 from typing import Any, Literal, TypeAlias
 
-from sympy import Expr, S, Symbol, preorder_traversal
+from sympy import QQ, Expr, S, Symbol, preorder_traversal
 from sympy.polys.rings import PolyElement, PolyRing
 
 from symid import dynamics
@@ -34,6 +34,7 @@ from symid.robot import Exact, Joint, Placement, Robot
 Parameterisation: TypeAlias = Literal["base", "symbols", "bodies"]
 Polynomials: TypeAlias = tuple[PolyElement, ...]
 PolynomialMatrix: TypeAlias = tuple[Polynomials, ...]
+_Vector: TypeAlias = "dynamics.Vector[PolyElement]"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,12 +94,9 @@ def name_lengths(robot: Robot) -> tuple[Robot, dict[str, float]]:
 def build_model(
     robot: Robot, form: Parameterisation | None = None, further: Sequence[str] = ()
 ) -> LessonModel:
-    """Return the model of `robot`.
+    """Return the model of `robot`, as its file has it; `further` names generators of its ring.
 
-    Args:
-        robot: as its file has it.
-        form: of the parameters; None takes the file's symbols where it has any, else base parameters.
-        further: names of generators that the ring is to have besides.
+    `form` is that of the parameters; None takes the file's symbols where it has any, else base parameters.
     """
     named, lengths = name_lengths(robot)
     base = dynamics.derive_base_parameters(named)
@@ -106,9 +104,8 @@ def build_model(
     exact = dynamics.build_exact_algebra(named)
     own = [str(symbol) for symbol in exact.ring.symbols]
     letters = [entry.name for entry in base.parameters if entry.name not in formulas]
-    found = {
-        x.name for value in formulas.values() for x in preorder_traversal(value) if isinstance(x, Symbol)
-    }
+    parts = chain.from_iterable(map(preorder_traversal, formulas.values()))
+    found = {x.name for x in parts if isinstance(x, Symbol)}
     before = [*letters, *sorted(found - set(own) - set(letters)), *further]
     sines = tuple((s + len(before), c + len(before)) for s, c in exact.sines)
     algebra = dynamics.ExactAlgebra(PolyRing([*before, *own], exact.ring.domain), sines)
@@ -314,7 +311,7 @@ def build_exact_point(robot: Robot, algebra: dynamics.ExactAlgebra) -> dict[str,
         values |= {f"s{k}": 2 * t / (1 + t * t), f"c{k}": (1 - t * t) / (1 + t * t), f"q{k}": Fraction(k, 5)}
         values |= {f"dq{k}": Fraction(7 - 2 * k, 3), f"ddq{k}": Fraction(5 * k - 11, 4)}
     convert = dynamics.choose_domain(robot).convert
-    return {name: convert(value.numerator) / convert(value.denominator) for name, value in values.items()}
+    return {name: convert(QQ(value.numerator, value.denominator)) for name, value in values.items()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -368,9 +365,7 @@ def derive_composites(robot: Robot) -> Composites:
         definitions.append(Definition(name=letter, kind=kind, value=value))
         return known[letter]
 
-    def name_vector(
-        vector: dynamics.Vector[PolyElement], head: str, kind: str
-    ) -> dynamics.Vector[PolyElement]:
+    def name_vector(vector: _Vector, head: str, kind: str) -> _Vector:
         x, y, z = (name(value, f"{head}{axis}", kind) for value, axis in zip(vector, "xyz", strict=True))
         return x, y, z
 
@@ -390,7 +385,7 @@ def derive_composites(robot: Robot) -> Composites:
             bodies[parent] = dynamics.add_bodies(algebra, bodies[parent], moved)
     # Gravity in every link's frame, from the base outwards.
     x, y, z = map(algebra.constant, named.gravity)
-    pulls: list[dynamics.Vector[PolyElement]] = []
+    pulls: list[_Vector] = []
     for index, (one, frame) in enumerate(zip(joints, frames, strict=True)):
         before = pulls[one.parent] if one.parent >= 0 else (x, y, z)
         pulls.append(name_vector(dynamics.rotate_to_link(algebra, frame, before), f"G{index + 1}", "gravity"))
@@ -411,10 +406,8 @@ def derive_composites(robot: Robot) -> Composites:
             elements[below, joint] = wrench.moment[2] if frames[below].revolute else wrench.force[2]
             parent = joints[below].parent
             if parent >= 0:
-                pushed, place = (
-                    dynamics.transform_wrench(algebra, frames[below], wrench),
-                    f"{joint + 1}_{parent + 1}",
-                )
+                pushed = dynamics.transform_wrench(algebra, frames[below], wrench)
+                place = f"{joint + 1}_{parent + 1}"
                 force = name_vector(pushed.force, f"F{place}", "momentum")
                 moment = name_vector(pushed.moment, f"N{place}", "momentum")
                 wrench = dynamics.Wrench(force=force, moment=moment)
@@ -460,10 +453,7 @@ def check_composites(composites: Composites) -> bool:
     mass = dynamics.compute_mass_matrix(recursion, values)
     springs = {label: value for label, value in values.items() if label[1] not in ("KS", "KR")}
     torques = dynamics.compute_inverse_dynamics(recursion, springs)
-    pairs = [
-        (composites.mass.get((i, j), model.algebra.zero), mass[i][j])
-        for i in range(robot.size)
-        for j in range(i, robot.size)
-    ]
+    places, zero = combinations_with_replacement(range(robot.size), 2), model.algebra.zero
+    pairs = [(composites.mass.get((i, j), zero), mass[i][j]) for i, j in places]
     pairs += zip(composites.gravity, torques, strict=True)
     return all(evaluate_polynomial(value, point) == number for value, number in pairs)

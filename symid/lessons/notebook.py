@@ -34,9 +34,7 @@ def write_lesson_notebook(
 ) -> tuple[str, bool]:
     """Return the lesson on `robot` as a notebook in JSON, and whether it was executed, in `folder`.
 
-    Raises:
-        SymidError: two derivations that must agree do not.
-        GenerationError: a cell failed.
+    A GenerationError says that a cell failed.
     """
     lesson = build_lesson(robot, book, form)
     made = (

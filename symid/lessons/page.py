@@ -44,14 +44,10 @@ from symid.robot import Robot
 
 _SCRIPTS = ("lesson", "identification")
 _FUNCTIONS = (
-    "mass_matrix",
-    "coriolis_matrix",
-    "gravity",
-    "inverse_dynamics",
-    "energy",
-    "jacobian",
-    "torque_regressor",
+    *("mass_matrix", "coriolis_matrix", "gravity", "inverse_dynamics"),
+    *("energy", "jacobian", "torque_regressor"),
 )
+_MATRICES = ("mass", "gravity", "kinetic", "potential", "torque", "coriolis")
 _SPRING_FUNCTIONS = ("hysteresis_step", "hysteresis_inverse_step")
 _TICK = '<span class="tick" aria-hidden="true">\N{CHECK MARK}</span>'
 _LONG_CELL = 40
@@ -90,11 +86,8 @@ def write_lesson_page(
 ) -> LessonPage:
     """Return the page of the lesson on `robot`, with so many exercises, drawn with `seed`.
 
-    `logged` is offered among the motions whose information the page shows.
-
-    Raises:
-        SymidError: two derivations that must agree do not.
-        RobotError: a symbolic length has no value.
+    `logged` is offered among the motions whose information the page shows. A RobotError says that a symbolic
+    length has no value.
     """
     lesson = build_lesson(robot, book, form)
     chapters = lesson.chapters
@@ -234,8 +227,7 @@ def _write_item(item: Item, numbers: Iterator[int]) -> str:
             return f"<details{opened}><summary>{_write_inline(item.text)}</summary>\n{inner}\n</details>"
         case "widget":
             return f'<div class="widget" data-widget="{item.text}"></div>'
-        case _:
-            return ""
+    return ""
 
 
 # What the page computes with.
@@ -280,10 +272,7 @@ def _describe(lesson: Lesson) -> dict[str, object]:
             {"name": card.name, "value": card.value or 0.0, "unit": card.unit}
             for card in list_spring_parameters(robot)
         ],
-        "letters": {
-            name: getattr(book, name)
-            for name in ("mass", "gravity", "kinetic", "potential", "torque", "coriolis")
-        },
+        "letters": {name: getattr(book, name) for name in _MATRICES},
         "stops": [len(joint.elasticity.stops) if joint.elasticity else 0 for joint in robot.axes],
         "cubic": [bool(joint.elasticity and joint.elasticity.cubic) for joint in robot.axes],
         "rotors": [joint.drive.rotor_inertia or 0.0 for joint in robot.axes],
@@ -365,15 +354,10 @@ _TEX_MARKS = str.maketrans(
 
 
 def write_lesson_tex(robot: Robot, book: Book, form: Parameterisation | None = None) -> str:
-    """Return the lesson on `robot` as a LaTeX document for pdflatex.
-
-    Raises:
-        SymidError: two derivations that must agree do not.
-    """
+    """Return the lesson on `robot` as a LaTeX document for pdflatex."""
     lesson = build_lesson(robot, book, form)
-    title = _write_tex(f"{robot.name}: equation of motion")
-    parts = [_TEX_HEAD, rf"\title{{{title}}}\author{{symid {__version__}}}\date{{}}\maketitle"]
-    parts.append(_write_tex(robot.description))
+    title = rf"\title{{{_write_tex(f'{robot.name}: equation of motion')}}}\author{{symid {__version__}}}"
+    parts = [_TEX_HEAD, rf"{title}\date{{}}\maketitle", _write_tex(robot.description)]
     for chapter in lesson.chapters:
         parts.append(rf"\section{{{_write_tex(chapter.title)}}}")
         parts += map(_write_tex_item, chapter.items)
@@ -382,12 +366,8 @@ def write_lesson_tex(robot: Robot, book: Book, form: Parameterisation | None = N
 
 def _write_tex(text: str) -> str:
     """Return a text in LaTeX, its $formulas$ as they are."""
-    return write_marked(
-        text,
-        lambda plain: plain.translate(_TEX_MARKS),
-        lambda formula: f"${formula}$",
-        lambda code: rf"\texttt{{{code.translate(_TEX_MARKS)}}}",
-    )
+    form, code = "${}$".format, lambda code: rf"\texttt{{{code.translate(_TEX_MARKS)}}}"
+    return write_marked(text, lambda plain: plain.translate(_TEX_MARKS), form, code)
 
 
 def _write_tex_item(item: Item) -> str:
@@ -412,5 +392,4 @@ def _write_tex_item(item: Item) -> str:
             lines = [" & ".join(map(_write_tex, row)) + r" \\" for row in rows]
             body = "\n".join([rf"{lines[0]} \hline\endhead", *lines[1:]])
             return rf"\begin{{longtable}}{{{columns}}}" + f"\n{body}\n" + r"\end{longtable}"
-        case _:
-            return ""
+    return ""

@@ -9,14 +9,8 @@ of the sums, exactly. The coefficient of each product of parameters is written i
 in normal form (s^2 = 1 - c^2), and the one with the fewest terms is taken. Nothing is guessed:
 `expand_sum` turns every tree back into the polynomial it was made from.
 
-The letters are those of a book; letters of the robot file (l1, m1, g) are kept in each:
-
-    symid       M, C, g, tau   q       c_12, groups of parameters with an upper index
-    siciliano   B, C, g, tau   theta   lengths a_i of the link itself (standard Denavit-Hartenberg rows)
-    craig       M, C, G, tau   theta   lengths a_{i-1} of modified rows; V is the vector of velocities
-    khalil      A, C, Q, Gamma q       C12, lengths d_j and r_j of modified rows; energies E and U
-
-Siciliano, Sciavicco, Villani and Oriolo 2009; Craig 2005; Khalil and Dombre 2002.
+The letters are those of a book; letters of the robot file (l1, m1, g) are kept in each. Lengths are those of
+the link itself (siciliano, standard Denavit-Hartenberg rows), or of modified rows (craig, khalil).
 
 Supported: chains of any length, axes that point the opposite way, coefficients with roots of two and three.
 Not supported: joints that follow others, in sums of angles (their sines stay their own).
@@ -525,15 +519,9 @@ BOOK_NAMES = tuple(book.name for book in _BOOKS)
 
 
 def get_book(name: str, *, angle: str | None = None, long: bool = False) -> Book:
-    """Return the letters of a book.
+    """Return the letters of a book, `name` one of `BOOK_NAMES`; a UsageError for another one.
 
-    Args:
-        name: one of `BOOK_NAMES`.
-        angle: "q" or "theta" in place of the book's own letter of an angle.
-        long: whether to write cos(q1 + q2) in place of c12.
-
-    Raises:
-        UsageError: there is no such book.
+    `angle` is "q" or "theta" in place of the book's own letter; `long` writes cos(q1 + q2) in place of c12.
     """
     if name not in BOOK_NAMES:
         text = f"there is no notation {name!r}; it is one of {', '.join(BOOK_NAMES)}"

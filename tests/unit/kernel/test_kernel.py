@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, field
 from enum import Enum
 from fractions import Fraction
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -236,15 +237,16 @@ def test_resources_stand_beside_the_package_or_inside_it(project, monkeypatch, t
         (3000.0, "joint 1 of 4, 2.5 h left"),
     ],
 )
-def test_what_is_left_is_the_rest_at_the_same_pace(pace, said):
+def test_what_is_left_is_the_rest_at_the_same_pace(pace, said, monkeypatch):
     heard, times = [], iter((5.0, 5.0 + pace))
-    report_count(heard.append, "joint", clock=lambda: next(times))(1, 4)
+    monkeypatch.setattr("symid.environment.time", SimpleNamespace(monotonic=lambda: next(times)))
+    report_count(heard.append, "joint")(1, 4)
     assert heard == [said]
 
 
 def test_nothing_is_left_at_the_end():
-    heard, times = [], iter((0.0, 100.0))
-    report_count(heard.append, clock=lambda: next(times))(4, 4)
+    heard = []
+    report_count(heard.append)(4, 4)
     assert heard == ["4 of 4"]
 
 

@@ -11,7 +11,7 @@ from symid.errors import (
     NOTES,
     SEVERE,
     Notice,
-    arrange_notices,
+    list_notice_lines,
     merge_notices,
     rank_notice,
     sort_notices,
@@ -76,10 +76,7 @@ def test_what_is_the_same_for_all_logs_is_one_notice():
 )
 def test_three_warnings_are_printed_and_the_rest_is_counted(count, last):
     warnings = [Notice(code=f"export.k{k}", text=f"w{k}") for k in range(count)]
-    arranged = arrange_notices([note(), *warnings])
-    assert arranged.warnings == tuple(warnings[:MOST_WARNINGS])
-    assert arranged.more == count - MOST_WARNINGS
-    lines = list(arranged.list_lines("HOW"))
+    lines = list(list_notice_lines([note(), *warnings], (), "HOW"))
+    assert lines[:MOST_WARNINGS] == [("warning", f"w{k}") for k in range(MOST_WARNINGS)]
     assert lines[3:] == [*([("warning", last)] if last else []), ("note", "columns were converted")]
-    every = arrange_notices([note(), *warnings], most=None)
-    assert (len(every.warnings), every.more) == (count, 0)
+    assert len(list(list_notice_lines([note(), *warnings], (), "HOW", most=None))) == count + 1
