@@ -90,12 +90,9 @@ class FileExport:
 
 
 def check_format(path: Path, precision: str = "double", *, friction: bool = False) -> str:
-    """Return the end of the file's name, which says its format.
+    """Return the end of the file's name, which says its format; a UsageError where there is no such one.
 
     `precision` is that of the numbers in a C header; `friction` whether friction alone is written.
-
-    Raises:
-        UsageError: there is no such format, it has no precision, or friction alone does not go into it.
     """
     suffix = path.suffix.lower()
     if suffix not in KINDS:
@@ -122,13 +119,7 @@ def check_format(path: Path, precision: str = "double", *, friction: bool = Fals
 
 
 def write_stated(robot: robots.Robot, path: Path, *, precision: str = "double") -> FileExport:
-    """Write the values of the robot file itself.
-
-    Raises:
-        UsageError: see `check_format`.
-        RobotError: the robot file does not state them all, and the format needs them.
-        OutputError: the file cannot be written.
-    """
+    """Write the values of the robot file itself; a RobotError where the format needs more than it states."""
     suffix = check_format(path, precision)
     base = derive_base_parameters(robot)
     if suffix != ".toml":
@@ -160,12 +151,8 @@ def write_identified(
 ) -> FileExport:
     """Write the robot with identified values, from `source`.
 
-    `limit` is what the bodies may cost of each joint's torque, in percent; see `measure_costs`.
-
-    Raises:
-        UsageError: see `check_format`.
-        EstimateError: such a file cannot have these values, or the bodies cost too much.
-        OutputError: the file cannot be written.
+    `limit` is what the bodies may cost of each joint's torque, in percent, see `measure_costs`; an
+    EstimateError tells that they cost more, or that such a file cannot have the values.
     """
     check_format(path, precision)
     # In a format without rotors for simulators, links have the inertia of their rotors, if they can.
@@ -200,11 +187,7 @@ def write_identified(
 
 
 def locate_source(robot: robots.Robot) -> Path:
-    """Return the URDF or MJCF that a robot was made from.
-
-    Raises:
-        UsageError: it was made from none.
-    """
+    """Return the URDF or MJCF that a robot was made from; a UsageError where there is none."""
     if robot.made_from is not None:
         return Path(robot.made_from.file)
     text = (
@@ -224,9 +207,8 @@ def _read_back(
     }
     try:
         if made is not None:
-            return robots.parse_xml_robot(
-                text, made.file, base=made.base, tip=made.tip, snap=made.snap
-            ).notices
+            place = made.file
+            return robots.parse_xml_robot(text, place, base=made.base, tip=made.tip, snap=made.snap).notices
         return readers[suffix](text).notices if suffix in readers else ()
     except RobotError as error:
         reasons = "; ".join(notice.text for notice in error.notices)
@@ -272,11 +254,8 @@ def _write_file(  # noqa: PLR0917 - what is written, where and how
             if in_place:
                 raise
             reason = "; ".join(map(str, error.notices))
-            said = (
-                f"a new {kind} was written, since the one that the robot was made from was not usable: "
-                f"{reason}"
-            )
-            told.append(Notice(code="export.new-file", text=said, file=str(path)))
+            said = f"a new {kind} was written, since the one that the robot was made from was not usable"
+            told.append(Notice(code="export.new-file", text=f"{said}: {reason}", file=str(path)))
         else:
             text, told = new.text, [*told, *further]
             for link, carried in new.shared.items():
@@ -316,11 +295,7 @@ def _write_file(  # noqa: PLR0917 - what is written, where and how
 def place_in_source(
     robot: robots.Robot, made: robots.SourceFile, *, in_place: bool
 ) -> tuple[str, robots.Robot, list[Notice]]:
-    """Return the text of the URDF or MJCF `made`, and its robot with the values of `robot`, made from it.
-
-    Raises:
-        RobotError: the file cannot be read, its joints are others, or it is xacro and to be written in place.
-    """
+    """Return the text of the URDF or MJCF `made`, and its robot with the values of `robot`, made from it."""
     file = Path(made.file)
     source = robots.read_urdf_text(file, keep_ends=True)
     before = robots.parse_xml_robot(source.text, source.file, base=made.base, tip=made.tip, snap=made.snap)
@@ -362,14 +337,13 @@ def _write_new(found: Identified, suffix: str, folder: Path, outcome: str, preci
         case ".toml":
             return robots.write_robot(robot, comment=comment, folder=folder)
         case ".h":
-            return robots.write_c_values(
-                _build_values(found), comments=(clean_text(comment),), precision=precision
-            )
+            comments, values = (clean_text(comment),), _build_values(found)
+            return robots.write_c_values(values, comments=comments, precision=precision)
         case ".json":
-            values = robots.build_json_values(
-                robot, _build_values(found), outcome=outcome, sources=found.sources
+            values, sources = _build_values(found), found.sources
+            return (
+                write_json(robots.build_json_values(robot, values, outcome=outcome, sources=sources)) + "\n"
             )
-            return write_json(values) + "\n"
     write = {".urdf": robots.write_urdf, ".usda": robots.write_usd}.get(suffix, robots.write_mjcf)
     return write(robot, comments=(comment,))
 
@@ -412,14 +386,9 @@ def _build_values(found: Identified) -> robots.RobotValues:
 def write_friction(
     robot: robots.Robot, found: frictions.FrictionIdentification, source: Path, path: Path
 ) -> FileExport:
-    """Write the robot file with the friction that was identified.
+    """Write the robot file with the friction that was identified, or EstimateError where it is of another.
 
     Friction that robot files have no model for stays as it is, with a notice.
-
-    Raises:
-        UsageError: the name of the file does not end in .toml.
-        EstimateError: the friction is of another model, or robot files cannot have it.
-        OutputError: the file cannot be written.
     """
     check_format(path, friction=True)
     variant = frictions.set_identified_friction(build_rigid_variant(robot), found)
@@ -434,13 +403,8 @@ def write_friction(
         else:
             written[entry.joint] = friction
     kept = {joint.name: reasons[joint.name] for joint in robot.axes if joint.name in reasons}
-    changed = replace(
-        robot,
-        joints=tuple(
-            replace(joint, friction=written.get(joint.name, joint.friction)) for joint in robot.joints
-        ),
-        source=f"Friction identified from {logs}{before}",
-    )
+    joints = (replace(joint, friction=written.get(joint.name, joint.friction)) for joint in robot.joints)
+    changed = replace(robot, joints=tuple(joints), source=f"Friction identified from {logs}{before}")
     comment = f"{robot.name} with friction identified from {logs}."
     text = robots.write_robot(changed, comment=comment, folder=path.parent)
     notices = [replace(notice, file=str(path)) for notice in _read_back(text, ".toml", source)]

@@ -68,14 +68,7 @@ def identify_robot(
     """Return the parameters of a robot, with the settings of the call, that explain its recordings best.
 
     `pairs` are these settings, keys and values, which the robot has already; `options.friction` is a law that
-    is to be found, None where the robot has its laws.
-
-    Raises:
-        UsageError: options that do not go together, or not with this robot and these logs.
-        LogError: a recording does not fit the robot, or the method cannot take a known payload.
-        EstimateError: a prior or a start is of another model.
-        IdentifiabilityError: no parameter is identifiable.
-        SolverError: a search ended without a usable result.
+    is to be found, None where the robot has its laws. Errors are those of `RobotModel.identify`.
     """
     estimator = options.estimator
     if any(robot.elastic):
@@ -267,7 +260,6 @@ def _prepare_elastic(
     pairs: Sequence[tuple[str, str]],
     context: TaskContext,
 ) -> _ElasticInput:
-
     elastics.check_settings(pairs, "elastic")
     cut = elastics.cut_logs(recordings, robot.processing)
     cutoff = elastics.get_stated_cutoff(robot, pairs)
@@ -292,11 +284,7 @@ def build_elastic_graph(
     pairs: Sequence[tuple[str, str]],
     context: TaskContext,
 ) -> "tuple[elastics.nlp.NlpGraph, tuple[Notice, ...]]":
-    """Return the one-shot problem of elastic joints as expressions, with notices.
-
-    `pairs` are the settings of the call, keys and values, which the robot has already. Errors are those of
-    `identify_robot`.
-    """
+    """Return the one-shot problem of elastic joints as expressions, with notices; see `identify_robot`."""
     log_files.refuse_known_payloads(recordings, "a robot with elastic joints")
     elastics.choose_route(robot, recordings, method="nlp", elastic={}, rigid=options.list_given())
     elastic = replace(options.build_elastic(), method="nlp")
@@ -313,11 +301,7 @@ def identify_stiffness(
 ) -> "tuple[elastics.StiffnessEstimate, tuple[Notice, ...]]":
     """Return the delay between the encoders, their offsets and the stiffness of every joint, with notices.
 
-    `pairs` are the settings of the call, keys and values, which the robot has already.
-
-    Raises:
-        UsageError: a setting does not apply to a stiffness.
-        LogError: a recording lacks an encoder, or is too short.
+    `pairs` and errors are those of `RobotModel.identify_stiffness`, whose robot has these settings already.
     """
     if any(robot.elastic):
         log_files.refuse_known_payloads(recordings, "a robot with elastic joints")
@@ -336,12 +320,7 @@ def identify_robot_friction(
 ) -> Identification[frictions.FrictionIdentification]:
     """Return the friction of every joint that the recordings move, of a robot with the settings of the call.
 
-    Raises:
-        UsageError: no such law or estimator; a smoothing that the law does not use.
-        LogError: a recording does not fit the robot, carries a known payload, or has another period.
-        EstimateError: the known parameters are of another model, or their robot lacks values.
-        IdentifiabilityError: no joint's friction is identifiable.
-        SolverError: a search ended without usable numbers.
+    Errors are those of `RobotModel.identify_friction`.
     """
     model = friction_search.read_joint_laws(options.model, robot, (frictions.AUTO,)) or frictions.AUTO
     if not all(regression.list_measured_joints(recordings)) or options.known is not None:

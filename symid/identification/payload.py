@@ -59,14 +59,7 @@ class PayloadFinding:
 def identify_payload(
     robot: Robot, loaded: GivenSide, empty: GivenSide, options: PayloadOptions, context: TaskContext
 ) -> PayloadFinding:
-    """Return what the robot carries in `loaded` and not in `empty`.
-
-    Raises:
-        UsageError: a file is given twice, or estimates among logs, or there is no such joint.
-        EstimateError: an estimate is of another model, or both sides are not of the same.
-        LogError: a log cannot be used.
-        IdentifiabilityError: no parameter is identifiable from the logs, or no payload is significant.
-    """
+    """Return what the robot carries in `loaded` and not in `empty`; errors as of `RobotModel.payload`."""
     check_distinct([Path(entry) for entry in (*loaded, *empty) if isinstance(entry, str | PathLike)])
     first = _read_side("with the payload", robot, loaded, options, context)
     second = _read_side("without it", robot, empty, options, context)
@@ -87,11 +80,7 @@ def identify_payload(
 
 
 def read_payload(path: Path) -> PayloadFinding:
-    """Return the payload stored at `path`.
-
-    Raises:
-        EstimateError: there is no such file, or it holds something else; it names all mistakes.
-    """
+    """Return the payload stored at `path`; errors as for `read_result_file`."""
     return read_result_file(PayloadFinding, "payload", path, _list_mistakes)
 
 
@@ -219,10 +208,8 @@ def build_payload_command(
 ) -> PayloadCommand:
     """Return a payload as a controller takes it; `frame` is its flange, a link only where `robot` is known.
 
-    Raises:
-        UsageError: there is no such controller or link, or the link hangs on another joint.
-        IdentifiabilityError: mass or centre are not identified.
-        EstimateError: the controller refuses such an inertia.
+    An IdentifiabilityError tells that mass or centre are not identified, an EstimateError that the controller
+    refuses such an inertia.
     """
     if controller not in CONTROLLERS:
         text = f"unknown controller {controller!r}; known are {', '.join(CONTROLLERS)}"

@@ -150,27 +150,11 @@ def validate_fit(
     """Return what a fit of any kind explains of a log; nothing is fitted.
 
     A robot that was identified as rigid is validated as rigid. For elastic joints, delay and offsets of the
-    log's link encoders are removed first, as in an identification.
+    log's link encoders are removed first, as in an identification. Errors are those of `Fit.validate`.
 
-    Args:
-        robot: as read.
-        fit: of its dynamics, or of its friction.
-        log: a file, or what was read from one.
-        context: library and progress.
-        pairs: settings of the call, keys and values.
-        test: the part of the log that is predicted; empty for all of it.
-        band: Hz below which torques are compared at the full rate, None for the rows of the fit; of rigid
-            fits.
-        tracking: a motion to simulate, None for none; of elastic fits: the robot file must state the true
-            values then.
-        file: of the fit, for messages.
-
-    Raises:
-        UsageError: a setting does not apply; an estimate lacks springs, which a feed-forward needs.
-        EstimateError: a fit is of another model.
-        LogError: the log lacks an encoder, or does not fit the robot.
-        IdentifiabilityError: no joint moves in it, or none can be validated.
-        RobotError: the robot file lacks values to simulate with.
+    `pairs` are the settings of the call, `test` the part of the log that is predicted, empty for all of it.
+    For rigid fits, torques are compared at the full rate below `band` in Hz, None for the rows of the fit.
+    For elastic fits, a motion may be simulated; the robot file must state the true values then.
     """
     if isinstance(fit, elastic.ElasticEstimate):
         return _validate_elastic(
@@ -186,12 +170,9 @@ def validate_fit(
             own = robot.processing
             processing = {**processing, "drop_first": own.drop_first, "drop_last": own.drop_last}
             fit = replace(fit, settings={**fit.settings, "processing": processing})
-            text = (
-                "friction was fitted to mean periods; this log is not averaged, so its residual contains "
-                "noise"
-            )
+            text = "friction was fitted to mean periods; this log is not averaged, so its residual contains "
             source = str(log.source if isinstance(log, log_files.Recording) else log)
-            notices = (Notice(code="validate.not-folded", text=text, file=source),)
+            notices = (Notice(code="validate.not-folded", text=f"{text}noise", file=source),)
     described = rigids.restore_robot(robot, fit, pairs)
     rigid = elastic.build_rigid_variant(described)
     if isinstance(found, estimators.Estimate):
@@ -330,18 +311,12 @@ def build_tracking_task(
 
     `against` are further estimates to compare with, by where they come from.
     """
-    name = "tc" if seed is None else "fourier"
-    trajectory = build_trajectory(robot, name, np.random.default_rng(seed))
+    trajectory = build_trajectory(robot, "tc" if seed is None else "fourier", np.random.default_rng(seed))
     return TrackingTask(trajectory=trajectory, seed=seed, against=against)
 
 
 def diagnose_fit(robot: Robot, estimate: estimators.Estimate, context: TaskContext) -> rigids.Diagnosis:
-    """Return the diagnosis of a fit by its own logs, which are where they were when it was made.
-
-    Raises:
-        LogError: a log was made in memory, is not there any more, or does not fit the robot.
-        UsageError: its rows mix the joints.
-    """
+    """Return the diagnosis of a fit by its own logs, which are where they were when it was made."""
     digests = estimate.settings.get("log_digests")
     known = [*digests] if isinstance(digests, list | tuple) else []
     pairs = list(zip(estimate.sources, known, strict=False))

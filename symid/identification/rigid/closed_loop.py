@@ -6,39 +6,27 @@ Robot whose file states the controller, its library, recordings with references 
     v[k]   = v[k-1] + b ((q[k] - q[k-1]) / T - v[k-1]),   b = 1 - exp(-2 pi f T)     velocity from differences
 
 v = dq[k] from a sensor, through the same low-pass; b = 1 without a filter. An unknown constant torque o is
-estimated from the recording, as the mean of its torque less the other terms at the measured positions. The
-simulation starts at the first measured position, with the velocity of the reference.
+the mean of the recording's torque less the other terms at the measured positions. A simulation starts at the
+first measured position, with the velocity of the reference.
 
     simulate   the robot with x_k under its controller: states q_s, torque tau_s
-    solve      equations made of what it did: x_(k+1)
+    solve      equations made of what it did: x_(k+1), half of the step where that cannot be simulated
     until x changes by a part of its standard deviation that does no harm (`POLICY.relevance`)
-
-Where the robot with x_(k+1) cannot be simulated, half of the step is taken, and half of that.
 
     output error   W (x_(k+1) - x_k) = tau - tau_s,   W = [Y | Yf](q_s, dq_s, ddq_s),  decimated alike
 
-The direct and inverse dynamic identification of Gautier, Janot and Vandanjon (2013, IEEE Transactions on
-Control Systems Technology 21(2)): where a controller tracks well, the simulated states hardly depend on x,
-so W is nearly the derivative of the simulated torque. No measured position enters but the first.
+(Gautier, Janot and Vandanjon 2013, IEEE Transactions on Control Systems Technology 21(2)). Where a controller
+tracks well, simulated states hardly depend on x, so W is nearly the derivative of the simulated torque.
 
     instrumental   x_(k+1) = (Z' W Y)^-1 Z' W tau,   Z from q_s and Y from q, processed exactly alike
 
-The generic instrumental variable approach of Janot, Vandanjon and Gautier (2014, IEEE Transactions on
-Control Systems Technology 22(1)). The simulated states are independent of the noise in Y: a wrong x_k or
-wrong gains make deviations larger, not the result wrong, as long as Z resembles Y. Simulated dry friction may
-change sign a sample earlier, and x by a part of its deviation: steps become shorter each time that changes
-are not halved.
-
-The iteration begins with an estimate given, with instruments along the references, or with a fit of torque
-rows by wls. The result states the controller and the distance of simulated and measured positions; where that
-is more than a good model leaves of the tracking error (`POLICY.good`), a warning says that the controller is
-another one. Instruments add a test of least squares for bias.
+(Janot, Vandanjon and Gautier 2014, IEEE Transactions on Control Systems Technology 22(1)). Simulated states
+are independent of the noise in Y: a wrong x_k makes deviations larger, not the result wrong.
 
 Supported: what `symid.robot.Controller` states; torque limits of the joints; friction that the plant of
 `simulation` has; several recordings, of unequal weight.
 Not supported: elastic joints; parameters of the controller, and which gain is wrong; controllers that run at
-another period than the log. With instruments, noise that does more than add to Y stays: in the sign of a slow
-velocity, in squares.
+another period than the log; noise that does more than add to Y.
 """
 
 import math
@@ -71,14 +59,9 @@ from symid.simulation import RigidPlant, simulate_rigid_plant
 
 def set_card_values(card: ModelCard, values: FloatArray) -> ModelCard:
     """Return the card with `values` (p,), base parameters first, then friction, in SI units."""
-    split = len(card.beta)
-    beta = zip(card.beta, values[:split].tolist(), strict=True)
-    friction = zip(card.friction, values[split:].tolist(), strict=True)
-    return replace(
-        card,
-        beta=tuple(replace(entry, value=number) for entry, number in beta),
-        friction=tuple(replace(entry, value=number) for entry, number in friction),
-    )
+    pairs = zip((*card.beta, *card.friction), values.tolist(), strict=True)
+    valued, split = tuple(replace(entry, value=number) for entry, number in pairs), len(card.beta)
+    return replace(card, beta=valued[:split], friction=valued[split:])
 
 
 _FORGOTTEN = 10.0
@@ -110,13 +93,9 @@ class ClosedLoop(FrozenArrays):
 
 
 def build_closed_loop(recording: Recording, controller: Controller, limit: FloatArray) -> ClosedLoop:
-    """Return the controller of a recording that has its reference, with torque limits (n,) in N m or N.
+    """Return the controller of a recording with torque limits (n,) in N m or N, or raise `list_unusable`.
 
     A reference velocity that is not logged is differentiated.
-
-    Raises:
-        UsageError: the reference is missing, not finite, or of another motion; the loop is too slow for the
-            recording.
     """
     reference = recording.reference
     unusable = list_unusable(recording, controller)
@@ -137,9 +116,8 @@ def build_closed_loop(recording: Recording, controller: Controller, limit: Float
     if controller.offset is not None:
         return loop
     missing = recording.torque - compute_demand(loop, recording)
-    return replace(
-        loop, offset=missing[round(compute_settling(controller) / recording.period) :].mean(axis=0)
-    )
+    settled = round(compute_settling(controller) / recording.period)
+    return replace(loop, offset=missing[settled:].mean(axis=0))
 
 
 def list_unusable(recording: Recording, controller: Controller | None = None) -> tuple[Notice, ...]:
@@ -198,18 +176,13 @@ def compute_demand(loop: ClosedLoop, recording: Recording) -> FloatArray:
         raw = differentiate(position, period)
     else:
         raw = np.diff(position, axis=0, prepend=2.0 * position[:1] - position[1:2]) / period
-    speeds = np.empty_like(raw)
-    speeds[0] = raw[0]
+    speeds = raw.copy()
     for k in range(1, len(raw)):
         speeds[k] = speeds[k - 1] + blend * (raw[k] - speeds[k - 1])
     gains = loop.controller
-    demand = (
-        loop.offset
-        + loop.feedforward
-        + np.array(gains.stiffness) * (loop.reference - position)
-        + np.array(gains.damping) * (loop.velocity - speeds)
-    )
-    return _log_torque(np.minimum(np.maximum(demand, -loop.limit), loop.limit), gains)
+    demand = loop.offset + loop.feedforward + np.array(gains.stiffness) * (loop.reference - position)
+    demand = demand + np.array(gains.damping) * (loop.velocity - speeds)
+    return _log_torque(np.clip(demand, -loop.limit, loop.limit), gains)
 
 
 def simulate_closed_loop(
@@ -217,9 +190,7 @@ def simulate_closed_loop(
 ) -> Signals:
     """Return states and logged torque of the controlled model with values (p,) at the times of a recording.
 
-    Raises:
-        UsageError: the model has friction that cannot be simulated.
-        SolverError: it runs away, or starts and stops without end.
+    A UsageError tells of friction that cannot be simulated, a SolverError that the model runs away.
     """
     valued = Library(set_card_values(library.card, values), library.engine)
     period, gains, known = recording.period, loop.controller, recording.reference_velocity
@@ -408,11 +379,6 @@ def fit_output_error(
     """Return the parameters whose simulated torque is nearest to the measured one; positions pass no filter.
 
     `start` has all initial parameters, by name; `progress` is called with a line about each iteration.
-
-    Raises:
-        UsageError: the friction cannot be simulated.
-        SolverError: the simulated robot ran away, or the iteration did not converge.
-        IdentifiabilityError: no parameter is identifiable.
     """
     processing = choose_processing(problem.processing, problem.recordings[0].period)
     problem = replace(problem, processing=replace(processing, filter_cutoff=None, filter_torque=False))
@@ -462,11 +428,7 @@ def fit_instrumental(
 ) -> ClosedLoopFit:
     """Return the parameters that explain the torque at the measured states, by instruments.
 
-    The processing is of measured and simulated positions alike; arguments and errors as for
-    `fit_output_error`.
-
-    Raises:
-        LogError: too few samples for the processing.
+    The processing is of measured and simulated positions alike; arguments as for `fit_output_error`.
     """
     processing = choose_processing(problem.processing, problem.recordings[0].period)
     problem = replace(problem, processing=processing)
@@ -511,16 +473,15 @@ def estimate_start(problem: ClosedLoopProblem) -> dict[str, float] | None:
 
 def _list_settings(problem: ClosedLoopProblem) -> list[tuple[Recording, Processing]]:
     """Return each recording, processed from where the initial state of the simulation has no effect."""
-    pairs = list(zip(problem.recordings, problem.loops, strict=True))
-    firsts = [_select_compared(problem, recording, loop).start for recording, loop in pairs]
-    settings = [replace(problem.processing, drop_first=first) for first in firsts]
-    return list(zip(problem.recordings, settings, strict=True))
+    return [
+        (recording, replace(problem.processing, drop_first=_select_compared(problem, recording, loop).start))
+        for recording, loop in zip(problem.recordings, problem.loops, strict=True)
+    ]
 
 
 def _build_measured(problem: ClosedLoopProblem) -> list[regression.Rows]:
     """Return the rows of each recording."""
-    library, pairs = problem.library, _list_settings(problem)
-    return [regression.prepare_rows("torque", library, *pair, window=regression.WINDOW) for pair in pairs]
+    return [regression.prepare_rows("torque", problem.library, *pair) for pair in _list_settings(problem)]
 
 
 def _build_beside(
@@ -561,11 +522,6 @@ def identify_closed_loop(
     an estimate of the same model to begin with, None for a fit to the same recordings, and `start_name` its
     name in the result; `progress` is called with a line about each iteration, the others are as for
     `identify_parameters`.
-
-    Raises:
-        UsageError: no controller or reference, elastic joints, friction that cannot be simulated.
-        SolverError: the simulated robot ran away, or the iteration did not converge.
-        LogError, IdentifiabilityError: as `identify_parameters`.
     """
     controller = check_closed_loop(robot, recordings)
     limits = np.array([np.inf if axis.limits.torque is None else axis.limits.torque for axis in robot.axes])
@@ -665,11 +621,7 @@ def identify_closed_loop(
 
 
 def check_closed_loop(robot: Robot, recordings: Sequence[Recording]) -> Controller:
-    """Return the controller of a robot that can be simulated with it along the recordings.
-
-    Raises:
-        UsageError: the file states none, joints are elastic, or recordings have no reference.
-    """
+    """Return the controller of a robot; a UsageError says why it cannot be simulated along recordings."""
     problems = [notice for recording in recordings for notice in list_unusable(recording, robot.controller)]
     texts = []
     if any(robot.elastic):
