@@ -59,10 +59,8 @@ class Windows:
 def choose_windows(samples: int, period: float, length: float, pieces: int = 1) -> Windows:
     """Return the windows of about `length / pieces` s that fit into so many samples, `period` s apart.
 
-    The number of intervals is the even one next to `length / pieces / period`, for Simpson's rule.
-
-    Raises:
-        UsageError: a window is shorter than two sample periods or longer than the log.
+    The number of intervals is the even one next to `length / pieces / period`, for Simpson's rule. A
+    UsageError where a window is shorter than two sample periods or longer than the log.
     """
     step = length / pieces
     intervals = 2 * round(step / (2.0 * period)) if step > 0.0 else 0
@@ -89,7 +87,7 @@ def _weigh_windows(values: FloatArray, windows: Windows, weights: FloatArray) ->
     """Return the sum of weights (w + 1,) times the samples of every window; windows share their ends."""
     w, count = windows.intervals, windows.count
     inner = values[: count * w].reshape(count, w, *values.shape[1:])
-    total: FloatArray = np.tensordot(inner, weights[:-1], axes=(1, 0))
+    total = np.tensordot(inner, weights[:-1], axes=(1, 0))
     return np.asarray(total + weights[-1] * values[windows.ends][1:])
 
 
@@ -152,11 +150,11 @@ def cut_matrix(
 ) -> Iterator[tuple[slice, FloatArray]]:
     """Yield the matrix (k, n, p) of torque or momentum equations by blocks, with the rows of each."""
     if kind == "torque":
-        pick, count = signals.pick_states, len(signals.time)
-        blocks = decimate_blocks(
-            lambda part: evaluate_columns(library, *pick(part)), count, processing.decimation
-        )
-        yield from blocks
+
+        def evaluate(part: slice) -> FloatArray:
+            return evaluate_columns(library, *signals.pick_states(part))
+
+        yield from decimate_blocks(evaluate, len(signals.time), processing.decimation)
         return
     windows = choose_windows(len(signals.time), signals.period, window, pieces)
     for rows, block, part in _cut_windows(windows, pieces):
@@ -341,10 +339,7 @@ def _evaluate_friction(
 def _merge(values: FloatArray, pieces: int) -> FloatArray:
     """Return sums of `pieces` neighbours (M, ...), one beginning at every entry."""
     count = len(values) - pieces + 1
-    total = values[:count].copy()
-    for shift in range(1, pieces):
-        total += values[shift : shift + count]
-    return total
+    return np.asarray(sum(values[shift : shift + count] for shift in range(pieces)))
 
 
 def _accumulate(steps: FloatArray, keep: float) -> FloatArray:
@@ -426,10 +421,8 @@ def build_rows(
 
     `kind` is one of `ROW_KINDS`; `signals` are at full rate: torque and power rows are decimated. Windows of
     momentum, filtered and energy rows have the length `window` in s; those of momentum and energy share the
-    part `overlap`, of which the nearest of 0, 1/2, 2/3, 3/4 and so on is taken.
-
-    Raises:
-        UsageError: there is no such kind, the windows do not fit into the log, or the overlap is no part.
+    part `overlap`, of which the nearest of 0, 1/2, 2/3, 3/4 and so on is taken. A UsageError where there is
+    no such kind, windows do not fit into the log, or the overlap is no part.
     """
     if kind not in ROW_KINDS:
         text = f"rows {kind!r}: unknown; choose one of {', '.join(ROW_KINDS)}"

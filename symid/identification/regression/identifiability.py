@@ -153,8 +153,7 @@ JOINT_AT_REST = "identify.joint-at-rest"
 def compute_inverse_root(design: FloatArray) -> FloatArray:
     """Return V S^-1 of the singular value decomposition of F (m, r), so that its square is (F'F)^-1."""
     _, singular, directions = np.linalg.svd(compute_triangle(design), full_matrices=False)
-    root: FloatArray = directions.T / singular
-    return root
+    return np.asarray(directions.T / singular)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -264,11 +263,7 @@ def solve_scaled(
 
 
 def analyse_identifiability(rows: Rows, rule: RankRule | None = None) -> Identifiability:
-    """Return which parameters are identifiable from `rows`.
-
-    Raises:
-        IdentifiabilityError: none, or fewer than the rule wants, or there are not more rows than parameters.
-    """
+    """Return which parameters are identifiable from `rows`; an IdentifiabilityError for too few."""
     rule = rule or RankRule()
     if not len(rows.values):
         text = (
