@@ -204,9 +204,8 @@ def _build_columns(
             for row, entry in zip(rows, messages, strict=True):
                 for (joint, channel), value in entry.values.items():
                     own[f"{joint}/{channel}"][row] = value
-            orders = dict.fromkeys(
-                entry.joints for entry in messages if len(set(entry.joints)) == len(entry.joints)
-            )
+            listed = dict.fromkeys(entry.joints for entry in messages)
+            orders = [order for order in listed if len(set(order)) == len(order)]
             usual = dict.fromkeys(name for order in orders for name in order)
             if any(list(order) != [name for name in usual if name in order] for order in orders):
                 parts.append("the order of joints changes between messages, values were assigned by name")
@@ -214,25 +213,19 @@ def _build_columns(
             if lacking:
                 parts.append(f"{lacking} messages have a part of the joints only")
             if len(places) < len(messages):
-                parts.append(
-                    f"{len(messages)} messages became {len(places)} samples: those with one stamp and other "
-                    "joints are one"
-                )
-            odd = sum(entry.odd for entry in messages)
-            if odd:
-                parts.append(
-                    f"{odd} messages have names twice, or not as many values as names, which were not read"
-                )
+                became = f"{len(messages)} messages became {len(places)} samples"
+                parts.append(f"{became}: those with one stamp and other joints are one")
+            if odd := sum(entry.odd for entry in messages):
+                what = f"{odd} messages have names twice, or not as many values as names"
+                parts.append(f"{what}, which were not read")
             stamps = [stamps[place] for place in places]
             steps = np.diff(np.array(stamps)) / _NANO
             onward = steps[steps > 0.0]
             if len(onward):
                 median = float(np.median(onward))
                 rms = 100.0 * float(np.sqrt(np.mean((onward / median - 1.0) ** 2)))
-                parts.append(
-                    f"steps of {median:.6g} s, the longest {float(onward.max()):.6g} s, deviations "
-                    f"{rms:.2g} % RMS"
-                )
+                size = f"steps of {median:.6g} s, the longest {float(onward.max()):.6g} s"
+                parts.append(f"{size}, deviations {rms:.2g} % RMS")
         else:
             sizes = {len(entry.array) for entry in messages if entry.array is not None}
             if len(sizes) != 1 or sizes == {0}:
@@ -242,9 +235,8 @@ def _build_columns(
         columns[f"{topic}/time"] = freeze(np.array([(stamp - origin) / _NANO for stamp in stamps]))
         columns |= {f"{topic}/{name}": freeze(values) for name, values in own.items()}
         notices.append(Notice(code="log.topic-read", text="; ".join(parts), file=str(path)))
-    beside = (
-        [] if path.is_dir() else [entry for entry in path.parent.iterdir() if entry.suffix == path.suffix]
-    )
+    siblings = () if path.is_dir() else path.parent.iterdir()
+    beside = [entry for entry in siblings if entry.suffix == path.suffix]
     if len(beside) > 1 and (path.parent / _METADATA).exists():
         text = (
             f"this is one of {len(beside)} files of a bag ({_METADATA} is beside them), and the others were "
@@ -288,11 +280,8 @@ def pick_topic(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, d
         # Of a table that is no bag this is a mistake only if several could be meant.
         if chosen:
             text = f"topics {join_names(chosen)} have position and effort of every joint"
-            remedy = (
-                f'--set log.topic={chosen[0]}, topic = "{chosen[0]}" in [log], or --columns topic= of '
-                "`symid new`"
-            )
-            findings.refuse("log.topic", f"{text}; choose one: {remedy}")
+            remedy = f'--set log.topic={chosen[0]}, topic = "{chosen[0]}" in [log], or --columns topic='
+            findings.refuse("log.topic", f"{text}; choose one: {remedy} of `symid new`")
         elif any(f"{topic}/time" in raw.columns for topic in topics):
             parts = []
             for topic, channels in topics.items():
@@ -316,9 +305,7 @@ def pick_topic(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, d
         text = f"joints of topic {topic} have other names than those of the robot: {pairs}"
         findings.remark("log.joint-names", f"{text}; is it this robot?")
     fields = {"position": "position", "velocity": "velocity", "torque": "effort"}
-    columns = {
-        quantity: tuple(f"{topic}/{name}/{channel}" for name in names) for quantity, channel in fields.items()
-    }
+    columns = {key: tuple(f"{topic}/{name}/{part}" for name in names) for key, part in fields.items()}
     if any(name not in raw.columns for name in columns["velocity"]):
         del columns["velocity"]
     clock = f"{topic}/time"
@@ -371,9 +358,8 @@ def _keep_complete(
     if whole.all():
         return raw
     count = int(np.sum(~whole))
-    text = (
-        f"{count} of {len(whole)} samples of topic {topic} lack a position or an effort of the robot's joints"
-    )
+    text = f"{count} of {len(whole)} samples of topic {topic} lack a position or an effort"
+    text = f"{text} of the robot's joints"
     if not whole.any():
         hint = "joints that different programs publish must have one stamp to be joined"
         findings.refuse("log.topic", f"{text}; {hint}, and effort must be measured")

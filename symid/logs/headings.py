@@ -212,9 +212,7 @@ def _sort_by_joint(
     if alone:
         # The last number in each joint's name, such as 3 of wrist_j3.
         ends = [re.findall(r"\d+", joint.name)[-1:] for joint in joints]
-        numbered = [
-            [entry.column for entry in headings if end and entry.number == int(end[0])] for end in ends
-        ]
+        numbered = [[one.column for one in headings if end and one.number == int(end[0])] for end in ends]
         if numbered != counted and all(len(hit) == 1 for hit in numbered):
             return _merge_columns(numbered, counted)
         describe_order(tuple(zip(numbers, joints, strict=True)), findings)

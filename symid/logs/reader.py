@@ -193,16 +193,14 @@ def _match_preset(
             read, shown = propose_quantities(found, robot, names, {**shown, **units}, findings)
             short = fill_map(short, {name: entry for name, entry in read.items() if name in units})
         listed = ", ".join(f"{name} in {shown[name][0]}" for name in REQUIRED_QUANTITIES if name in shown)
-        text = (
-            f"the columns are those of {preset}, and its units are assumed: {listed} (SI: rad or m, N m or N)"
-        )
+        text = f"the columns are those of {preset}, and its units are assumed: {listed}"
+        text = f"{text} (SI: rad or m, N m or N)"
         if preset == "ros" and "torque" not in units:
             text += "; a message does not state the unit of effort, and some drivers give currents"
         findings.remark("new.preset", text)
         positions = read["position"].columns
-        by_name = [
-            _list_names(entry, robot.axes) for entry in _LAYOUTS[preset]["position"] if "{joint}" in entry
-        ]
+        named = [entry for entry in _LAYOUTS[preset]["position"] if "{joint}" in entry]
+        by_name = [_list_names(entry, robot.axes) for entry in named]
         if preset != "ros":
             note_other_numbers(positions, robot.axes, findings)
         elif positions not in by_name and re.search(r"\d\]?$", positions[0]) and found is raw:
@@ -270,10 +268,11 @@ def apply_preset(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog,
                 )
                 findings.refuse("log.no-torque-constant", text)
             coupled = robot.log.transmission is not None
-            factor = compute_current_factor(robot.axes, coupled=coupled) or (1.0,)
-            found[name] = LogQuantity(
-                columns=names, unit="A", factor=factor, side="motor" if coupled else "joint"
+            factor, side = (
+                compute_current_factor(robot.axes, coupled=coupled),
+                "motor" if coupled else "joint",
             )
+            found[name] = LogQuantity(columns=names, unit="A", factor=factor or (1.0,), side=side)
         else:
             found[name] = LogQuantity(columns=names, unit="SI")
     return raw, replace(robot, log=replace(log, **found))
@@ -298,16 +297,15 @@ def _match_layout(
             names = {name: _list_names(pattern, joints) for name, pattern in own.items()}
             # Of an array that is longer than the robot, one column more is there.
             more = {name: own[name].format(k=len(joints), joint="") for name in own if "{k}" in own[name]}
-            found.append(
-                (topic, {key: each for key, each in names.items() if set(each) <= set(raw.columns)}, more)
-            )
+            there = {key: each for key, each in names.items() if set(each) <= set(raw.columns)}
+            found.append((topic, there, more))
     needed = {*quantities} & {*REQUIRED_QUANTITIES} or {*quantities}
     counts = [len({*own} & needed) for _, own, _ in found]
     if not any(counts):
         return {}
     topic, columns, more = found[counts.index(max(counts))]
     rivals = [
-        other for (other, *_), count in zip(found, counts, strict=True) if other and count == max(counts)
+        other[0] for other, count in zip(found, counts, strict=True) if count == max(counts) and other[0]
     ]
     if topic and len(rivals) > 1:
         text = f"preset {preset!r}: {join_names(rivals)} have such columns; name those of the robot in [log]"
@@ -356,13 +354,9 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
         values[name], columns[name] = extract_quantity(raw, robot, name, samples, findings)
     # Holes in a velocity or an acceleration are accepted, states then come from the position; so are those
     # of a controller's channels.
-    needed = (column for name in _GAPLESS for column in columns[name])
-    listed = (*used, *needed)
-    for name in dict.fromkeys(listed):
-        column = raw.columns.get(name)
-        if column is None:
-            continue
-        bad = np.argwhere(~(np.abs(np.atleast_1d(column)) <= _LARGEST))
+    needed = dict.fromkeys((*used, *(column for name in _GAPLESS for column in columns[name])))
+    for name in (entry for entry in needed if entry in raw.columns):
+        bad = np.argwhere(~(np.abs(np.atleast_1d(raw.columns[name])) <= _LARGEST))
         if len(bad):
             first = int(bad[0, 0])
             place = f"sample {first}" + (f", column {int(bad[0, 1])}" if bad.shape[1] > 1 else "")
@@ -371,20 +365,18 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
                 f"{_LARGEST:g}), the first at {place} (counted from 0); cut or repair the log there"
             )
             findings.refuse("log.not-finite", text)
-    no_position = values["position"] is None
     motor, link = (columns[name] for name in _ENCODERS)
-    if no_position and motor and not link:
+    if values["position"] is None and bool(motor) != bool(link):
         text = (
             f"the log has motor positions ({', '.join(motor)}) but no link positions; name these columns in "
             "[log.position] to identify what the motor side alone shows"
         )
-        findings.refuse("log.one-side", text)
-    if no_position and link and not motor:
-        text = (
-            f"the log has link positions ({', '.join(link)}) but no motor positions, on which friction and "
-            "rotors of elastic joints depend; add them, or, where joints are rigid, name these columns in "
-            "[log.position]"
-        )
+        if link:
+            text = (
+                f"the log has link positions ({', '.join(link)}) but no motor positions, on which friction "
+                "and rotors of elastic joints depend; add them, or, where joints are rigid, name these "
+                "columns in [log.position]"
+            )
         findings.refuse("log.one-side", text)
     if motor and link:
         text = (
@@ -404,26 +396,25 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
             findings.refuse("log.same-encoder", f"{text}; {remedy}")
     if time is not None and not uneven:
         _check_time(time, robot.processing, findings)
-    position, torque = values["position"], values["torque"]
-    if findings.mistakes or time is None or position is None or torque is None:
+    if findings.mistakes or time is None or values["position"] is None or values["torque"] is None:
         raise LogError(*findings.mistakes)
     known = {*used, *(name for names in columns.values() for name in names)}
     unused = tuple(name for name in raw.columns if name not in known)
     left_out = ", ".join((*unused, *raw.others))
     parts = [f"columns that were not used: {left_out}"] if left_out else []
-    for name in ("velocity", "acceleration"):
-        if columns[name]:
-            text = f"{name} was read; it is used where it predicts better than the filtered position"
-            parts.append(f"{text} (columns {', '.join(columns[name])})")
+    parts += (
+        f"{name} was read; it is used where it predicts better than the filtered position (columns "
+        f"{', '.join(columns[name])})"
+        for name in ("velocity", "acceleration")
+        if columns[name]
+    )
     if parts:
         findings.remark("log.unused-columns", "; ".join(parts))
-    channels: dict[str, Any] = {name: values[name] for name in OPTIONAL_CHANNELS}
+    channels: dict[str, Any] = values
     # What turned the torques of coupled motors into those of joints.
     matrix = get_matrix(robot, robot.log.torque)
     return Recording(
         time=time,
-        position=position,
-        torque=torque,
         **channels,
         source=str(path),
         notices=tuple(findings.remarks),
@@ -436,12 +427,11 @@ def read_raw(path: Path) -> RawLog:
     """Return the columns of the log at `path` as they stand in it, or raise a LogError."""
     try:
         folder, exists, plain = is_bag_folder(path), path.exists(), path.is_file()
-    except PermissionError as error:
-        raise build_file_error(
-            path, "the folder may not be read (no permission)", "log.unreadable"
-        ) from error
     except OSError as error:
-        raise build_file_error(path, f"cannot be read: {error.strerror}", "log.unreadable") from error
+        text = f"cannot be read: {error.strerror}"
+        if isinstance(error, PermissionError):
+            text = "the folder may not be read (no permission)"
+        raise build_file_error(path, text, "log.unreadable") from error
     reader = read_bag if folder else READERS.get(path.suffix.lower())
     if reader is None:
         found = repr(path.suffix) if path.suffix else "no suffix"
