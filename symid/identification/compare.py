@@ -306,7 +306,8 @@ def build_side(robot: Robot, estimate: Estimate | ElasticEstimate, source: Path)
         for entry in estimate.notices
         if entry.code == "identify.pattern"
     ]
-    if not found.covariance and sum(math.isfinite(entry.std) for entry in found.values) > 1:
+    values, deviations = ([getattr(entry, name) for entry in found.values] for name in ("value", "std"))
+    if not found.covariance and sum(map(math.isfinite, deviations)) > 1:
         text = "it has no covariance: its values are taken as independent, which affects chi-square"
         notices.append(Notice(code="compare.no-covariance", text=text, file=file))
     if found.springs or found.rotors:
@@ -319,9 +320,7 @@ def build_side(robot: Robot, estimate: Estimate | ElasticEstimate, source: Path)
         source=source,
         identified=found,
         names=tuple(entry.name for entry in found.values),
-        values=build_stated_values(
-            [entry.value for entry in found.values], [entry.std for entry in found.values], found.covariance
-        ),
+        values=build_stated_values(values, deviations, found.covariance),
         logs=tuple((path, str(digest)) for path, digest in zip(estimate.sources, known, strict=False)),
         notices=tuple(notices),
     )
@@ -574,9 +573,8 @@ def _compare(ours: EstimateSide, other: OtherSide, *, search: bool = False) -> C
         raise EstimateError(Notice(code="compare.nothing-common", text=text, file=str(other.source)))
     groups = tuple(other.groups[k] for k in kept)
     theirs = other.values.pick(kept)
-    change = dynamics.evaluate_regrouping(
-        [[group.row[k] for k in known] for group in groups], ours.identified.robot
-    )
+    rows = [[group.row[k] for k in known] for group in groups]
+    change = dynamics.evaluate_regrouping(rows, ours.identified.robot)
     absent = [name for k, name in enumerate(names) if not any(group.row[k] for group in other.groups)]
     comparison = compare_values(compute_grouped_values(change, ours.values), theirs)
     readings: list[tuple[dynamics.OpenReading, TriedReading]] = []
@@ -584,12 +582,13 @@ def _compare(ours: EstimateSide, other: OtherSide, *, search: bool = False) -> C
         # Terms that the groups do not name: of coupled drives, then any. Where a coupled drive explains a
         # group, no other terms are tried on it; of those, only one that explains a group as no other does
         # counts.
-        robot, rows = ours.identified.robot, [group.row for group in groups]
-        readings, changed = _try_all(ours, change, theirs, dynamics.list_coupled_readings(robot, base, rows))
+        whole = [group.row for group in groups]
+        coupled = dynamics.list_coupled_readings(ours.identified.robot, base, whole)
+        readings, changed = _try_all(ours, change, theirs, coupled)
         now = compare_values(compute_grouped_values(changed, ours.values), theirs)
         explained = {entry.group for entry, tried in readings if tried.decisive}
         far = [k for k in now.list_farthest(POLICY.printed * now.scale, None) if k not in explained]
-        kindred, _ = _try_all(ours, changed, theirs, dynamics.list_kindred_readings(base, rows, far))
+        kindred, _ = _try_all(ours, changed, theirs, dynamics.list_kindred_readings(base, whole, far))
         readings += [entry for entry in kindred if entry[1].decisive and not entry[1].rivals]
     return Compared(
         other=other,

@@ -212,9 +212,8 @@ def _read_back(
         return readers[suffix](text).notices if suffix in readers else ()
     except RobotError as error:
         reasons = "; ".join(notice.text for notice in error.notices)
-        text = (
-            f"a {KINDS[suffix]} cannot have these values: {reasons}; identify from logs with more excitation"
-        )
+        text = f"a {KINDS[suffix]} cannot have these values: {reasons}"
+        text = f"{text}; identify from logs with more excitation"
         raise EstimateError(Notice(code="export.impossible", text=text, file=str(source))) from error
 
 

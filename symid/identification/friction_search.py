@@ -188,9 +188,8 @@ def search_friction(
         if names.get(name) == joint_models.NO_FRICTION:
             wishes[place] = joint_models.FrictionValues()
         elif name in names:
-            wishes[place] = (
-                rigid.CANDIDATES if names[name] == AUTO else (joint_models.get_law(names[name]).name,)
-            )
+            law = names[name]
+            wishes[place] = rigid.CANDIDATES if law == AUTO else (joint_models.get_law(law).name,)
     choice = rigid.choose_laws(
         prepare(plain),
         recordings,
@@ -294,9 +293,8 @@ def _list_chosen(robot: Robot, names: Mapping[str, str]) -> list[str]:
 
 def _make_plain(robot: Robot, joints: Collection[str]) -> Robot:
     """Return the robot with the plain law at these joints."""
-    law = joint_models.FrictionValues(
-        law=rigid.PLAIN, values=(0.0,) * len(joint_models.get_law(rigid.PLAIN).linear)
-    )
+    zeros = (0.0,) * len(joint_models.get_law(rigid.PLAIN).linear)
+    law = joint_models.FrictionValues(law=rigid.PLAIN, values=zeros)
     return _set_friction(robot, dict.fromkeys(joints, law))
 
 
@@ -340,10 +338,8 @@ def _give_up_worse(
 
 
 def _set_friction(robot: Robot, friction: Mapping[str, joint_models.FrictionValues]) -> Robot:
-    joints = tuple(
-        replace(joint, friction=friction.get(joint.name, joint.friction)) for joint in robot.joints
-    )
-    return replace(robot, joints=joints)
+    joints = (replace(joint, friction=friction.get(joint.name, joint.friction)) for joint in robot.joints)
+    return replace(robot, joints=tuple(joints))
 
 
 def _move_friction(robot: Robot, estimate: Estimate) -> Robot:
@@ -405,9 +401,8 @@ def _record_laws(  # noqa: PLR0917 - the parts of one search
         for entry in estimate.parameters
     )
     grouped = [(entry.name, entry.expression) for entry in (*card.beta, *card.friction)]
-    return replace(
-        estimate, laws=laws, parameters=parameters, signature=compute_model_signature(robot, grouped)
-    )
+    signature = compute_model_signature(robot, grouped)
+    return replace(estimate, laws=laws, parameters=parameters, signature=signature)
 
 
 def identify_loaded(

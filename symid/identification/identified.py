@@ -278,10 +278,8 @@ def _compute_known_values(known: Robot, robot: Robot, *, partly: bool = False) -
         for other, joint in zip(known.joints, robot.joints, strict=True):
             head = f"joint {joint.name!r}"
             if not partly and other.drive.has_rotor != joint.drive.has_rotor:
-                which = ("the file", "the robot") if other.drive.has_rotor else ("the robot", "the file")
-                mistakes.append(
-                    f"{head} has a rotor in {which[0]} and none in {which[1]}; declare it in both"
-                )
+                has, lacks = ("the file", "the robot") if other.drive.has_rotor else ("the robot", "the file")
+                mistakes.append(f"{head} has a rotor in {has} and none in {lacks}; declare it in both")
             if (other.spring is None) != (joint.spring is None):
                 mistakes.append(f"{head} has a spring in only one of the two")
         theirs, ours = (

@@ -83,10 +83,10 @@ def write_result(what: str, found: object, path: Path, described: Mapping[str, o
     return write_file(path, write_json(data) + "\n")
 
 
-def read_fit(path: Path, card: ModelCard | None = None) -> StoredResult:
+def read_fit(path: Path) -> StoredResult:
     """Return the record of any kind that `write_fit`, or symid before it, stored at `path`.
 
-    An EstimateError names all mistakes: no such file, something else, a model other than `card` if given.
+    An EstimateError names all mistakes: no such file, or something else in it.
     """
     data = _read_json(path)
     name = data.get("format") if isinstance(data, dict) else None
@@ -108,12 +108,8 @@ def read_fit(path: Path, card: ModelCard | None = None) -> StoredResult:
         entries = given if isinstance(given, list) else []
         names = [str(entry.get("name")) for entry in entries if isinstance(entry, dict)]
         body["friction"] = list(name_friction(names))
-    record = _build_record(
-        _KINDS[kind], path, body, lambda record: record.list_mistakes(), complete=version == _VERSION
-    )
-    if card is not None:
-        check_model(record, card, str(path))
-    return record
+    whole = version == _VERSION
+    return _build_record(_KINDS[kind], path, body, lambda record: record.list_mistakes(), complete=whole)
 
 
 def _build_record(

@@ -252,16 +252,12 @@ def _validate_elastic(
         cases = {f"Case {k}: {entry.method}": entry for k, (_, entry) in enumerate(tried, start=1)}
     (moved,), alignment, aligned = elastic.prepare_aligned(library, (recording,))
     context.progress(f"validating on {recording.source}")
-    trial = elastic.evaluate_elastic(
-        estimate, library, moved, cutoff=elastic.get_stated_cutoff(described, pairs)
-    )
-    warnings = []
+    cutoff = elastic.get_stated_cutoff(described, pairs)
+    trial, warnings = elastic.evaluate_elastic(estimate, library, moved, cutoff=cutoff), list[Notice]()
     if trial.fitted:
         overlap = log_files.measure_overlap(moved, estimate.sources, estimate.settings)
-        part = log_files.describe_overlap(overlap, moved)
-        warnings = [
-            diagnostics.build_warning("validate.fitted-log", file=trial.source, what="estimate", part=part)
-        ]
+        told = {"what": "estimate", "part": log_files.describe_overlap(overlap, moved)}
+        warnings.append(diagnostics.build_warning("validate.fitted-log", file=trial.source, **told))
     reached = {joint.joint: float(abs(joint.torsion).max()) for joint in trial.joints}
     beyond = [
         f"{entry.joint} {reached[entry.joint]:.3g} against {entry.torsion:.3g} {entry.position_unit}"

@@ -184,10 +184,8 @@ def _fit_joints(
     for run, (recording, pair) in enumerate(zip(recordings, pairs, strict=True)):
         period = recording.period
         cutoff = min(_CUTOFF, 1.0 / (_LEAST_RATIO * period))
-        shifted = shift_channel(recording.time, pair.q, shift)
-        theta, q = (
-            low_pass(values, period=period, cutoff=cutoff, order=_ORDER) for values in (pair.theta, shifted)
-        )
+        pairing = (pair.theta, shift_channel(recording.time, pair.q, shift))
+        theta, q = (low_pass(part, period=period, cutoff=cutoff, order=_ORDER) for part in pairing)
         speed, gap = differentiate(theta, period), theta - q
         zero = np.zeros((len(gap), len(recordings)))
         zero[:, run] = 1.0

@@ -262,9 +262,8 @@ def pick_topic(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, d
         topics.setdefault(match[1], {}).setdefault(match[2], set()).add(match[3])
     wanted = robot.log.topic
     if wanted is not None and wanted not in topics:
-        text = (
-            f"there is no topic {wanted!r} with states of joints; the log has {join_names(topics) or 'none'}"
-        )
+        there = join_names(topics) or "none"
+        text = f"there is no topic {wanted!r} with states of joints; the log has {there}"
         findings.refuse("log.topic", text)
         return raw, {}
     named: dict[str, tuple[str, ...]] = {}

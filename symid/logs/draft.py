@@ -88,7 +88,7 @@ def draft_log_map(
         text = f"columns that are not used: {names}; --columns QUANTITY=NAME,... names others"
         remarks.append(Notice(code="new.unused-columns", text=text, file=str(log)))
     robot = replace(robot, log=found.short)
-    recording = repair_recording(read_recording(log, robot, uneven=True, raw=raw), robot.axes).recording
+    recording = repair_recording(read_recording(log, robot, uneven=True, raw=raw), robot.axes)
     texts = {}
     plain = [joint.name for joint in robot.axes if joint.friction.law == NO_FRICTION]
     if plain:

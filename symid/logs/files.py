@@ -26,6 +26,7 @@ import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -123,9 +124,8 @@ def read_csv(path: Path) -> RawLog:
     except (UnicodeDecodeError, OSError) as error:
         reason = getattr(error, "strerror", None) or error
         raise build_file_error(path, f"this is not a text file that can be read: {reason}") from error
-    filled = [
-        (number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"
-    ]
+    numbered = enumerate(text.splitlines(), 1)
+    filled = [(number, line) for number, line in numbered if line.strip() and line[0] != "#"]
     if not filled:
         raise build_file_error(path, "the file has no line with column names")
     separator = max(_SEPARATORS, key=filled[0][1].count)
@@ -187,13 +187,10 @@ def _read_numbers(path: Path, names: list[str], lines: TableLines) -> FloatArray
     ]
     if not problems:
         # Python and numpy read 1_000 as a number, no other program does.
-        plain = not any("_" in cell for _, cells in lines for cell in cells)
-        try:
-            if plain:
+        if not any("_" in cell for _, cells in lines for cell in cells):
+            with suppress(ValueError):
                 values = np.array([cells for _, cells in lines], dtype=np.float64)
                 return values.reshape(len(lines), len(names))
-        except ValueError:
-            plain = False
         problems = [
             (number, "log.not-a-number", f"column {name!r}: {cell!r} is not a number (use a decimal point)")
             for number, cells in lines
@@ -411,9 +408,8 @@ def read_mat(path: Path) -> RawLog:
     try:
         # Version 4 begins with a number of which some bytes are zero.
         if 0 not in head[:4] and not _has_matlab_elements(path.read_bytes()):
-            raise build_file_error(
-                path, "this is not a MATLAB file that can be read: its elements are damaged"
-            )
+            text = "this is not a MATLAB file that can be read: its elements are damaged"
+            raise build_file_error(path, text)
         content = scipy.io.loadmat(str(path), struct_as_record=True)
     # SciPy raises any of these on a damaged file, according to where the damage lies.
     except (scipy.io.matlab.MatReadError, zlib.error, *_DAMAGED) as error:

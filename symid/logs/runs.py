@@ -109,7 +109,7 @@ def _read_repaired(path: Path, robot: robots.Robot, *, uneven: bool = False) -> 
         if not {notice.code for notice in error.notices} <= _UNEVEN:
             raise
         recording = read_recording(path, robot, uneven=True)
-    return recording if uneven else repair_recording(recording, robot.axes).recording
+    return recording if uneven else repair_recording(recording, robot.axes)
 
 
 def list_log_files(path: Path, robot: robots.Robot) -> tuple[Path, ...]:
@@ -398,7 +398,7 @@ def read_recordings(
         if joints != robot.freedom:
             text = f"has {joints} joints, the robot {robot.name!r} {robot.freedom}; read it with this robot"
             raise LogError(Notice(code="log.joints", text=text, file=log.source))
-        return (log if uneven else repair_recording(log, robot.axes).recording,)
+        return (log if uneven else repair_recording(log, robot.axes),)
 
     return _read_all(logs, read)
 

@@ -394,9 +394,8 @@ def fit_output_error(
             built = regression.build_rows("torque", library, signals, processing)
             beyond = regression.evaluate_torques(library, signals, values) - run.tau[kept]
             excess = decimate(beyond, processing.decimation)
-            good = ~mask_decimated(
-                np.zeros(beyond.shape, bool) if bad is None else bad, processing.decimation
-            )
+            wrong = np.zeros(beyond.shape, bool) if bad is None else bad
+            good = ~mask_decimated(wrong, processing.decimation)
             # A brake may hold a joint at rest: its torque contains no information.
             joints = library.card.joints
             held = tuple(j for j in regression.list_resting_joints(recording) if joints[j].friction != "none")
@@ -460,10 +459,9 @@ def estimate_start(problem: ClosedLoopProblem) -> dict[str, float] | None:
     problem = replace(problem, processing=processing, weights=None)
     measured = _build_measured(problem)
     beside = _build_beside(problem, [loop.reference for loop in problem.loops], measured)
+    rows, freedom = regression.stack_rows(measured), processing.noise_freedom
     try:
-        found = estimators.fit_instruments(
-            regression.stack_rows(measured), beside, freedom=processing.noise_freedom
-        )
+        found = estimators.fit_instruments(rows, beside, freedom=freedom)
     except IdentifiabilityError:
         # References may stand still, or move together, where the logs do not.
         return None
@@ -554,6 +552,7 @@ def identify_closed_loop(
     joints = zip(library.card.joints, found.tracking.tolist(), found.lag.tolist(), strict=True)
     stated = list_controller(controller)
     logged = all(recording.reference_velocity is not None for recording in problem.recordings)
+    velocity = "logged" if logged else "differentiated"
     report = {
         "start": begun_with,
         "iterations": len(found.changes),
@@ -574,12 +573,8 @@ def identify_closed_loop(
             "velocity_filter": controller.velocity_filter,
             "offset": [loop.offset.tolist() for loop in problem.loops],
             "offset_from": "log" if controller.offset is None else "robot file",
-            "reference_velocity": (
-                "none" if controller.velocity == "measured" else "logged" if logged else "differentiated"
-            ),
-            "torque_limit": [
-                entry if np.isfinite(entry) else None for entry in problem.loops[0].limit.tolist()
-            ],
+            "reference_velocity": "none" if controller.velocity == "measured" else velocity,
+            "torque_limit": [limit if np.isfinite(limit) else None for limit in limits.tolist()],
         },
         "controller_residual_percent": share.tolist(),
     }
