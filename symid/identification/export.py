@@ -19,19 +19,10 @@ from symid.codegen import build_library_prefix, build_model_card, clean_text, pr
 from symid.dynamics import StandardSet, build_grouping, derive_base_parameters
 from symid.environment import write_file
 from symid.errors import EstimateError, Notice, RobotError, UsageError
-from symid.identification import friction as frictions
+from symid.identification import friction as frictions, identified
 from symid.identification.elastic import build_rigid_variant
 from symid.identification.estimators import check_model
-from symid.identification.identified import (
-    Identified,
-    JointCost,
-    build_robot,
-    list_frame_differences,
-    list_turns,
-    list_warnings,
-    measure_costs,
-    move_link,
-)
+from symid.identification.identified import Identified, JointCost
 from symid.joint_models import FrictionValues, get_friction_law
 from symid.serialization import write_json
 
@@ -157,14 +148,14 @@ def write_identified(
     check_format(path, precision)
     # In a format without rotors for simulators, links have the inertia of their rotors, if they can.
     rotorless, costs = _choose_kind(found.robot, path) == "URDF", tuple[JointCost, ...]()
-    identified = build_robot(found, grouped=not rotorless)
-    if identified.standard.reason:
+    built = identified.build_robot(found, grouped=not rotorless)
+    if built.standard.reason:
         library = prepare_library(found.robot)
-        costs = measure_costs(identified.standard, found, library, limit)
+        costs = identified.measure_costs(built.standard, found, library, limit)
         if rotorless and (not costs or any(entry.percent > entry.limit for entry in costs)):
-            identified = build_robot(found)
-            exact = not identified.standard.reason
-            costs = () if exact else measure_costs(identified.standard, found, library, limit)
+            built = identified.build_robot(found)
+            exact = not built.standard.reason
+            costs = () if exact else identified.measure_costs(built.standard, found, library, limit)
     over = ", ".join(
         f"{entry.percent:.2g} % of the torque of {entry.joint!r} (limit {entry.limit:.2g} %)"
         for entry in costs
@@ -173,17 +164,17 @@ def write_identified(
     if over:
         text = (
             f"no physical bodies have the identified values, and the nearest differ by {over}: "
-            f"{identified.standard.reason}. Identify with consistent bodies (--estimator consistent) or from "
+            f"{built.standard.reason}. Identify with consistent bodies (--estimator consistent) or from "
             "logs with more excitation, or allow it by --limit PERCENT (limit=...)"
         )
         raise EstimateError(Notice(code="export.cost", text=text, file=str(source)))
     sources = tuple(Path(entry).name for entry in found.sources)
-    before = f"; before: {identified.robot.source}" if identified.robot.source else ""
-    robot = replace(identified.robot, source=f"Values identified from {', '.join(sources)}{before}")
-    outcome, notices = identified.standard.outcome.name.lower(), list_warnings(identified, found, source)
+    before = f"; before: {built.robot.source}" if built.robot.source else ""
+    robot = replace(built.robot, source=f"Values identified from {', '.join(sources)}{before}")
+    outcome, notices = built.standard.outcome.name.lower(), identified.list_warnings(built, found, source)
     named = replace(found, robot=robot, sources=sources)
     stored = _write_file(named, path, outcome, precision, notices, source)
-    return replace(stored, missing=found.missing, standard=identified.standard, costs=costs)
+    return replace(stored, missing=found.missing, standard=built.standard, costs=costs)
 
 
 def locate_source(robot: robots.Robot) -> Path:
@@ -301,7 +292,7 @@ def place_in_source(
     if in_place and source.file != made.file:
         told = "this is a xacro file, a program that writes a URDF; give a name that ends in .urdf (-o FILE)"
         raise RobotError(Notice(code="export.xacro", text=told, file=made.file))
-    mistakes = list_frame_differences(robot, before)
+    mistakes = identified.list_frame_differences(robot, before)
     if mistakes:
         told = f"its joints are others than when {robot.name!r} was made from it: {'; '.join(mistakes)}"
         raise RobotError(Notice(code="export.source-changed", text=told, file=made.file))
@@ -312,11 +303,11 @@ def place_in_source(
             "its joints are the same"
         )
         notices.append(Notice(code="export.source-edited", text=told, file=made.file))
-    trios = zip(robot.joints, before.joints, list_turns(robot, before), strict=True)
+    trios = zip(robot.joints, before.joints, identified.list_turns(robot, before), strict=True)
     joints = tuple(
         replace(
             old,
-            inertial=new.inertial if np.array_equal(turn, np.eye(4)) else move_link(new, turn),
+            inertial=new.inertial if np.array_equal(turn, np.eye(4)) else identified.move_link(new, turn),
             friction=new.friction,
             drive=new.drive,
             spring=new.spring,

@@ -28,19 +28,10 @@ from symid import joint_models
 from symid.arrays import FloatArray
 from symid.codegen import Library, ParameterCard, compute_model_signature
 from symid.errors import Notice, UsageError
-from symid.identification import rigid
+from symid.identification import regression, rigid
 from symid.identification.estimators import Estimate, FittedLaw
 from symid.identification.friction import AUTO
 from symid.identification.judge import POLICY, adjust_chances, compare, numerics
-from symid.identification.regression import (
-    CondensedLogs,
-    condensing,
-    fill_load,
-    fill_loads,
-    list_coupled_rotors,
-    list_measured_joints,
-    measure_scoring_band,
-)
 from symid.logs import Recording
 from symid.notation import join_name
 from symid.robot import Processing, Robot, suggest_names
@@ -196,10 +187,10 @@ def search_friction(
         robot.processing,
         gears=[joint.drive.gear for joint in robot.axes],
         wishes=wishes,
-        rotors=list_coupled_rotors(robot),
+        rotors=regression.list_coupled_rotors(robot),
     )
     found = _set_friction(robot, {law.joint: law.friction for law in choice.joints})
-    known = all(list_measured_joints(recordings))
+    known = all(regression.list_measured_joints(recordings))
 
     def fit(found: Robot) -> _Result:
         """Return the fit of a robot with the laws found, repeated until shape values and loads stay."""
@@ -224,7 +215,7 @@ def search_friction(
                 )
             )
             library = Library(replace(library.card, searched=searched), library.engine)
-            loaded = fill_loads(library, recordings, robot.processing, beta)
+            loaded = regression.fill_loads(library, recordings, robot.processing, beta)
             if plan is None:
                 rows, estimator = options.get("rows", "torque"), options.get("estimator")
                 plan = rigid.plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
@@ -276,9 +267,10 @@ def _agree(values: FloatArray, before: FloatArray) -> bool:
 
 def _measure_losses(library: Library, recordings: Sequence[Recording], processing: Processing) -> FloatArray:
     """Return the losses (parts, n) of held-out torque of all rows, within the scoring band."""
-    band, cutoff = measure_scoring_band(recordings), processing.filter_cutoff or 0.4 / recordings[0].period
-    bands = [band * 2.0**k for k in range(-condensing.SCORING, 1)]
-    logs = CondensedLogs(library, recordings, processing, bands, cutoff)
+    band = regression.measure_scoring_band(recordings)
+    cutoff = processing.filter_cutoff or 0.4 / recordings[0].period
+    bands = [band * 2.0**k for k in range(-regression.condensing.SCORING, 1)]
+    logs = regression.CondensedLogs(library, recordings, processing, bands, cutoff)
     return logs.measure_losses(logs.fit(logs.scores[1], [0] * library.card.size))
 
 
@@ -415,16 +407,17 @@ def identify_loaded(
 
     The first fit has no load, so that what friction takes of it is left to the other parameters.
     """
-    measured = list_measured_joints(recordings)
+    measured = regression.list_measured_joints(recordings)
     if "load" not in library.card.friction_inputs or all(measured):
         return fit(recordings)
     names = [entry.name for entry in library.card.beta]
     without = [
-        replace(one, load=fill_load(one.load, np.zeros_like(one.position), measured)) for one in recordings
+        replace(one, load=regression.fill_load(one.load, np.zeros_like(one.position), measured))
+        for one in recordings
     ]
     beta = fit(without).assemble(names)
     for _ in range(numerics.ROUNDS):
-        estimate = fit(fill_loads(library, recordings, processing, beta))
+        estimate = fit(regression.fill_loads(library, recordings, processing, beta))
         new = estimate.assemble(names)
         still, beta = _agree(new, beta), new
         if still:

@@ -24,14 +24,8 @@ from pathlib import Path
 import numpy as np
 import scipy
 
+from symid import dynamics
 from symid.arrays import FloatArray
-from symid.dynamics import (
-    PAYLOAD_QUANTITIES,
-    Payload,
-    build_base_values,
-    derive_base_parameters,
-    estimate_payload,
-)
 from symid.errors import EstimateError, IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import Estimate
 from symid.identification.friction_search import identify_loaded
@@ -52,7 +46,7 @@ class PayloadFinding:
     """The payload, the name of the robot that carries it, and the notices of both sides."""
 
     robot: str
-    payload: Payload
+    payload: dynamics.Payload
     notices: tuple[Notice, ...]
 
 
@@ -67,7 +61,7 @@ def identify_payload(
         text = "one side has elastic joints and the other rigid ones; identify both by the same method"
         raise EstimateError(Notice(code="payload.other-model", text=text))
     values = [
-        build_base_values(
+        dynamics.build_base_values(
             [entry.name for entry in side.values],
             [entry.value for entry in side.values],
             [entry.std for entry in side.values],
@@ -75,7 +69,9 @@ def identify_payload(
         )
         for side in (first, second)
     ]
-    found = estimate_payload(first.robot, first.base, *values, joint=options.joint, mass=options.mass)
+    found = dynamics.estimate_payload(
+        first.robot, first.base, *values, joint=options.joint, mass=options.mass
+    )
     return PayloadFinding(robot=first.robot.name, payload=found, notices=(*first.notices, *second.notices))
 
 
@@ -87,8 +83,10 @@ def read_payload(path: Path) -> PayloadFinding:
 def _list_mistakes(found: PayloadFinding) -> list[str]:
     names, shape = tuple(entry.name for entry in found.payload.quantities), found.payload.standard.shape
     wrong = [] if shape == (10,) else [f"standard: expected (10,) numbers, got {shape}"]
-    if names != PAYLOAD_QUANTITIES:
-        wrong.append(f"quantities: expected {', '.join(PAYLOAD_QUANTITIES)}, got {', '.join(names):.80}")
+    if names != dynamics.PAYLOAD_QUANTITIES:
+        wrong.append(
+            f"quantities: expected {', '.join(dynamics.PAYLOAD_QUANTITIES)}, got {', '.join(names):.80}"
+        )
     return wrong + [
         f"{entry.name:.20}: a value needs a deviation that is not negative"
         for entry in found.payload.quantities
@@ -133,7 +131,7 @@ def _read_side(
         estimate = identify_loaded(library, recordings, robot.processing, fit)
         side = Identified(
             robot=robot,
-            base=derive_base_parameters(robot),
+            base=dynamics.derive_base_parameters(robot),
             sources=estimate.sources,
             values=estimate.parameters,
             covariance=estimate.covariance,
@@ -204,7 +202,7 @@ class PayloadCommand:
 
 
 def build_payload_command(
-    robot: Robot | None, found: Payload, controller: str, frame: FlangeFrame = None
+    robot: Robot | None, found: dynamics.Payload, controller: str, frame: FlangeFrame = None
 ) -> PayloadCommand:
     """Return a payload as a controller takes it; `frame` is its flange, a link only where `robot` is known.
 

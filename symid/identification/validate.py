@@ -170,9 +170,10 @@ def validate_fit(
             own = robot.processing
             processing = {**processing, "drop_first": own.drop_first, "drop_last": own.drop_last}
             fit = replace(fit, settings={**fit.settings, "processing": processing})
-            text = "friction was fitted to mean periods; this log is not averaged, so its residual contains "
+            text = "friction was fitted to mean periods; this log is not averaged"
+            text = f"{text}, so its residual contains noise"
             source = str(log.source if isinstance(log, log_files.Recording) else log)
-            notices = (Notice(code="validate.not-folded", text=f"{text}noise", file=source),)
+            notices = (Notice(code="validate.not-folded", text=text, file=source),)
     described = rigids.restore_robot(robot, fit, pairs)
     rigid = elastic.build_rigid_variant(described)
     if isinstance(found, estimators.Estimate):

@@ -19,6 +19,7 @@ Needs rosbags, the extra `ros`. Not supported: ROS 1; other messages, which are 
 import os.path
 import re
 import struct
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -82,9 +83,7 @@ def read_bag(path: Path) -> RawLog:
     store = get_typestore(Stores.LATEST)
     for name, text in _DEFINITIONS.items():
         store.register(get_types_from_msg(text, name))
-    found: dict[str, list[_Message]] = {}
-    types: dict[str, str] = {}
-    counts: dict[str, int] = {}
+    found, types, counts = dict[str, list[_Message]](), dict[str, str](), Counter[str]()
     try:
         with ExitStack() as stack:
             # A file, a folder with metadata, or all files of one without.
@@ -95,7 +94,7 @@ def read_bag(path: Path) -> RawLog:
             for reader in sorted(readers, key=lambda reader: reader.start_time):
                 types |= {entry.topic: entry.msgtype for entry in reader.connections}
                 for entry in reader.connections:
-                    counts[entry.topic] = counts.get(entry.topic, 0) + entry.msgcount
+                    counts[entry.topic] += entry.msgcount
                 known = [entry for entry in reader.connections if entry.msgtype in _PARSED]
                 for entry, received, data in reader.messages(known) if known else ():
                     message = store.deserialize_cdr(data, entry.msgtype)
@@ -170,8 +169,7 @@ def _build_columns(
     dated = {topic for topic, stamps in times.items() if max(stamps) > _EPOCH * _NANO}
     dates = (stamp for topic in dated for stamp in times[topic] if stamp > _EPOCH * _NANO)
     first = min(dates, default=0) // _NANO * _NANO
-    columns: dict[str, FloatArray] = {}
-    notices = []
+    columns, notices = dict[str, FloatArray](), list[Notice]()
     for topic, every in found.items():
         origin = first if topic in dated else 0
         messages = [entry for entry, stamp in zip(every, times[topic], strict=True) if stamp or not origin]
@@ -188,12 +186,9 @@ def _build_columns(
         parts.append(f"time is {source}" + (f", less {origin // _NANO} s" if origin else ""))
         if joints:
             # Messages in sequence with the same stamp, and with other joints, are one row.
-            common = stamps if headed[topic] else None
-            rows: list[int] = []
-            places: list[int] = []
-            held: set[str] = set()
+            rows, places, held = list[int](), list[int](), set[str]()
             for k, entry in enumerate(messages):
-                same = common is not None and k > 0 and common[k] == common[k - 1]
+                same = headed[topic] and k > 0 and stamps[k] == stamps[k - 1]
                 if not same or held & set(entry.joints):
                     places.append(k)
                     held = set()

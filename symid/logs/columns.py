@@ -21,7 +21,7 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.errors import Notice
-from symid.logs.files import RawLog
+from symid.logs.files import DEFAULT_NAMES, RawLog
 from symid.logs.recording import CONTROL_CHANNELS, OPTIONAL_CHANNELS
 from symid.notation import get_unit_factor, suggest_units
 from symid.robot import JOINT_DIMENSIONS, LogQuantity, Robot, TransmissionMatrix, compute_condition
@@ -176,23 +176,6 @@ def _list_values(values: Sequence[float] | FloatArray) -> str:
 def join_names(names: Iterable[str]) -> str:
     """Return the names in quotes, with commas between."""
     return ", ".join(map(repr, names))
-
-
-DEFAULT_NAMES = {
-    "time": ("t", "time"),
-    "position": ("q", "position"),
-    "velocity": ("dq", "velocity"),
-    "acceleration": ("ddq",),
-    "torque": ("tau", "torque"),
-    "motor_position": ("theta", "motor_position"),
-    "link_position": ("link_position",),
-    "load": ("tau_load",),
-    "temperature": ("temperature",),
-    "reference": ("q_ref", "reference"),
-    "reference_velocity": ("dq_ref", "reference_velocity"),
-    "feedforward": ("tau_ff", "feedforward"),
-}
-"""Names of a quantity's columns where the robot file states none; numbered ones for single joints."""
 
 
 def extract_time(raw: RawLog, robot: Robot, findings: Findings) -> tuple[FloatArray | None, tuple[str, ...]]:

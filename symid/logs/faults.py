@@ -293,10 +293,7 @@ class _Curvature(NamedTuple):
 def _measure_curvature(values: FloatArray) -> _Curvature:
     curve, reach = np.pad(np.abs(np.diff(values, n=2)), 1), LEVELS.neighbours
     used = curve[curve > _ROUNDING * float(np.max(np.abs(values)))]
-    padded = np.pad(curve, reach)
-    most = padded[: len(values) + reach].copy()
-    for k in range(1, reach):
-        np.maximum(most, padded[k : k + len(most)], out=most)
+    most = np.max(sliding_window_view(np.pad(curve, reach), len(values) + reach)[:reach], axis=0)
     ordinary = float(np.quantile(used, LEVELS.ordinary)) if len(used) else math.inf
     return _Curvature(curve, ordinary, most[1 : len(values) + 1], most[reach : reach + len(values)])
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.errors import LogError
+from symid.logs import headings
 from symid.logs.bags import STORAGE_SUFFIXES, is_bag_folder, pick_topic, read_bag
 from symid.logs.columns import (
     Findings,
@@ -33,18 +34,7 @@ from symid.logs.columns import (
     join_names,
 )
 from symid.logs.files import RawLog, build_file_error, read_csv, read_hdf5, read_mat, read_npz, read_parquet
-from symid.logs.headings import (
-    REQUIRED_QUANTITIES,
-    ask_constants,
-    choose_columns,
-    describe_order,
-    fill_map,
-    is_commanded,
-    list_quantities,
-    note_other_numbers,
-    propose_quantities,
-    read_headings,
-)
+from symid.logs.headings import REQUIRED_QUANTITIES, is_commanded
 from symid.logs.recording import OPTIONAL_CHANNELS, Recording
 from symid.logs.signals import choose_processing, compute_least_samples, describe_too_short, describe_uneven
 from symid.notation import UNITS, get_unit_factor
@@ -105,7 +95,7 @@ def assign_columns(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLo
         return apply_preset(raw, robot, findings)
     if has_default_columns(raw, REQUIRED_QUANTITIES):
         # What symid writes is in the order of the joints, whatever they are called.
-        note_other_numbers(choose_default_names(raw, "position"), robot.axes, findings)
+        headings.note_other_numbers(choose_default_names(raw, "position"), robot.axes, findings)
         return raw, robot
     tried = Findings(file=findings.file)
     found = recognise_columns(raw, robot, {}, {}, tried)
@@ -140,8 +130,8 @@ def recognise_columns(
     """
     found = None if columns else _match_preset(raw, robot, units, findings)
     if found is None and not findings.mistakes:
-        read, stated = propose_quantities(raw, robot, columns, units, findings)
-        table = fill_map(LogMap(topic=robot.log.topic), read)
+        read, stated = headings.propose_quantities(raw, robot, columns, units, findings)
+        table = headings.fill_map(LogMap(topic=robot.log.topic), read)
         found = Recognised(raw=raw, table=table, short=table, units=stated)
     if found is None or findings.mistakes:
         return None
@@ -165,14 +155,14 @@ def _match_preset(
     """Return the columns of the program that wrote the log, None where it is not known."""
     own = None if units else _match_symid_columns(raw, robot)
     if own is not None:
-        units = _list_units(list_quantities(own))
+        units = _list_units(headings.list_quantities(own))
         return Recognised(raw=raw, table=own, short=LogMap(preset="symid"), units=units)
     # Messages of ROS have SI units but for efforts; the programs of others state theirs.
     for preset in ("ros",) if units else _LAYOUTS:
         tried = Findings(file=findings.file)
         short = LogMap(preset=preset, topic=robot.log.topic)
         found, known = apply_preset(raw, replace(robot, log=short), tried)
-        read = list_quantities(known.log)
+        read = headings.list_quantities(known.log)
         findings.mistakes += [entry for entry in tried.mistakes if entry.code == "log.topic"]
         mistakes = [entry for entry in tried.mistakes if entry.code != "log.no-torque-constant"]
         # A heading with a unit of its own was written by somebody else.
@@ -185,13 +175,13 @@ def _match_preset(
             if len(time) > 1 and not np.median(np.diff(time)) > _MILLISECONDS:
                 continue
         for entry in tried.mistakes:
-            findings.refuse("new.torque-constant", f"{entry.text}: {ask_constants(robot.axes)}")
+            findings.refuse("new.torque-constant", f"{entry.text}: {headings.ask_constants(robot.axes)}")
         findings.remarks += tried.remarks
         shown = _list_units(read)
         if units:
             names = {name: entry.columns for name, entry in read.items()}
-            read, shown = propose_quantities(found, robot, names, {**shown, **units}, findings)
-            short = fill_map(short, {name: entry for name, entry in read.items() if name in units})
+            read, shown = headings.propose_quantities(found, robot, names, {**shown, **units}, findings)
+            short = headings.fill_map(short, {name: entry for name, entry in read.items() if name in units})
         listed = ", ".join(f"{name} in {shown[name][0]}" for name in REQUIRED_QUANTITIES if name in shown)
         text = f"the columns are those of {preset}, and its units are assumed: {listed}"
         text = f"{text} (SI: rad or m, N m or N)"
@@ -202,10 +192,10 @@ def _match_preset(
         named = [entry for entry in _LAYOUTS[preset]["position"] if "{joint}" in entry]
         by_name = [_list_names(entry, robot.axes) for entry in named]
         if preset != "ros":
-            note_other_numbers(positions, robot.axes, findings)
+            headings.note_other_numbers(positions, robot.axes, findings)
         elif positions not in by_name and re.search(r"\d\]?$", positions[0]) and found is raw:
-            describe_order(tuple(enumerate(robot.axes)), findings)
-        return Recognised(raw=found, table=fill_map(known.log, read), short=short, units=shown)
+            headings.describe_order(tuple(enumerate(robot.axes)), findings)
+        return Recognised(raw=found, table=headings.fill_map(known.log, read), short=short, units=shown)
     return None
 
 
@@ -225,8 +215,8 @@ def _match_symid_columns(raw: RawLog, robot: Robot) -> LogMap | None:
     if len(units) < len(columns) or not plain:
         return None
     # Names of joints may end in other numbers than their order gives; then the order is ambiguous.
-    headings = read_headings(raw, robot.axes)
-    if choose_columns(headings, "position", robot.axes, Findings(file="")) != names["position"]:
+    listed = headings.read_headings(raw, robot.axes)
+    if headings.choose_columns(listed, "position", robot.axes, Findings(file="")) != names["position"]:
         return None
     read = {key: LogQuantity(columns=entry, unit=raw.units[entry[0]]) for key, entry in names.items()}
     return LogMap(preset="symid", time=read["time"], position=read["position"], torque=read["torque"])

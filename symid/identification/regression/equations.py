@@ -23,21 +23,16 @@ from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
+from symid import logs
 from symid.arrays import FloatArray, freeze_fields
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice, UsageError
 from symid.identification.judge import numerics
 from symid.joint_models import compute_column_derivatives, get_law
-from symid.logs import (
-    Signals,
-    compute_noise_bandwidth,
-    decimate,
-    decimate_blocks,
-    mask_decimated,
-    mask_touched,
-)
+from symid.logs import Signals, mask_touched
 from symid.notation import join_name
 from symid.robot import Processing
 
@@ -128,15 +123,15 @@ def outline_part(
     `pieces` windows begin within the length `window` (s) of one.
     """
     if kind == "torque":
-        values, factor = decimate(signals.tau, processing.decimation), processing.decimation.factor
+        values, factor = logs.decimate(signals.tau, processing.decimation), processing.decimation.factor
         return EquationPart(
             matrix=np.empty((*values.shape, 0)),
             values=values,
             # Decimation keeps the last sample.
             time=signals.time[len(signals.time) - 1 - factor * (len(values) - 1) :: factor],
-            velocity=decimate(signals.dq, processing.decimation),
-            independent=compute_noise_bandwidth(processing, signals.period),
-            bad=None if signals.bad is None else mask_decimated(signals.bad, processing.decimation),
+            velocity=logs.decimate(signals.dq, processing.decimation),
+            independent=logs.compute_noise_bandwidth(processing, signals.period),
+            bad=None if signals.bad is None else logs.mask_decimated(signals.bad, processing.decimation),
         )
     windows = choose_windows(len(signals.time), signals.period, window, pieces)
     span = windows.intervals * windows.period * pieces
@@ -154,7 +149,7 @@ def cut_matrix(
         def evaluate(part: slice) -> FloatArray:
             return evaluate_columns(library, *signals.pick_states(part))
 
-        yield from decimate_blocks(evaluate, len(signals.time), processing.decimation)
+        yield from logs.decimate_blocks(evaluate, len(signals.time), processing.decimation)
         return
     windows = choose_windows(len(signals.time), signals.period, window, pieces)
     for rows, block, part in _cut_windows(windows, pieces):
@@ -251,17 +246,17 @@ def _build_power_part(library: Library, signals: Signals, processing: Processing
         supplied = average(np.einsum("ij,ij->i", signals.tau[part], dq))
         return np.column_stack([(energy[2:] - energy[:-2]) / (2.0 * signals.period), *friction, supplied])
 
-    blocks = decimate_blocks(evaluate, len(signals.time) - 2, processing.decimation)
+    blocks = logs.decimate_blocks(evaluate, len(signals.time) - 2, processing.decimation)
     kept = np.vstack([rows for _, rows in blocks])
     factor = processing.decimation.factor
-    band = compute_noise_bandwidth(processing, signals.period)
+    band = logs.compute_noise_bandwidth(processing, signals.period)
     return EquationPart(
         matrix=kept[:, None, :-1],
         values=kept[:, -1:],
         time=signals.time[len(signals.time) - 2 - factor * (len(kept) - 1) : -1 : factor],
         velocity=np.zeros((len(kept), 1)),
         independent=band * 0.5 if factor == 1 else band,
-        bad=None if signals.bad is None else mask_decimated(signals.bad[1:-1], processing.decimation),
+        bad=None if signals.bad is None else logs.mask_decimated(signals.bad[1:-1], processing.decimation),
     )
 
 
@@ -344,10 +339,7 @@ def _merge(values: FloatArray, pieces: int) -> FloatArray:
 
 def _accumulate(steps: FloatArray, keep: float) -> FloatArray:
     """Return F_i = keep F_(i-1) + steps_i, from zero on."""
-    total = steps.copy()
-    for index in range(1, len(total)):
-        total[index] += keep * total[index - 1]
-    return total
+    return np.asarray(scipy.signal.lfilter([1.0], [1.0, -keep], steps, axis=0))
 
 
 ROW_KINDS = ("torque", "momentum", "filtered", "power", "energy")

@@ -36,6 +36,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from symid import logs
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, LogError, Notice
@@ -49,16 +50,7 @@ from symid.identification.regression.identifiability import (
     hold_resting_joints,
     list_resting_joints,
 )
-from symid.logs import (
-    Recording,
-    Signals,
-    choose_cutoff,
-    choose_processing,
-    decimate,
-    estimate_density,
-    prepare_signals,
-    spread_bad,
-)
+from symid.logs import Recording, Signals
 from symid.robot import Processing, Robot
 
 
@@ -76,7 +68,7 @@ def measure_bands(recording: Recording) -> tuple[JointBand, ...]:
     """Return noise and clean band of every joint of a recording."""
     rate = 1.0 / recording.period
     length = min(len(recording.time), max(64, round(2.0 * rate)))
-    frequency, density = estimate_density(recording.position, rate, length)
+    frequency, density = logs.estimate_density(recording.position, rate, length)
     frequency, steep = frequency[1:], (2.0 * np.pi * frequency[1:]) ** 4
     bands = []
     for column in density[1:].T:
@@ -100,7 +92,7 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
 
     A LogError where there is something to choose, and the recordings are not sampled alike.
     """
-    usual = choose_processing(processing, recordings[0].period)
+    usual = logs.choose_processing(processing, recordings[0].period)
     if usual == processing:
         return FilterChoice(processing=processing)
     periods = [entry.period for entry in recordings]
@@ -127,7 +119,7 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
         factor = max(decimation.factor, math.floor(0.5 * decimation.band * rate / band))
         decimation = replace(decimation, factor=factor)
         kept = 0.5 * decimation.band * rate / factor
-    cutoff = processing.filter_cutoff or choose_cutoff(kept, rate)
+    cutoff = processing.filter_cutoff or logs.choose_cutoff(kept, rate)
     noisy = decimation.factor > usual.decimation.factor
     bands = ", ".join(f"{limit:.3g}" if limit else "-" for limit in clean)
     text = (
@@ -193,7 +185,7 @@ def fill_loads(
         cutoff = min(cutoff, float(np.median(clean))) if clean else cutoff
         whole = replace(processing, filter_cutoff=cutoff, drop_first=0, drop_last=0, automatic=False)
         resting = list_resting_joints(recording)
-        signals = hold_resting_joints(prepare_signals(replace(recording, load=None), whole), resting)
+        signals = hold_resting_joints(logs.prepare_signals(replace(recording, load=None), whole), resting)
         whole_beta = beta if payload is None else beta + payload
         (load,) = library.evaluate("inverse_dynamics", signals.q, signals.dq, signals.ddq, whole_beta)
         found.append(replace(recording, load=fill_load(recording.load, load, measured)))
@@ -356,7 +348,7 @@ def prepare_states(library: Library, recording: Recording, processing: Processin
         )
         notice = Notice(code="identify.standstill", text=text, file=recording.source)
         raise IdentifiabilityError(notice)
-    signals = hold_resting_joints(prepare_signals(recording, processing), resting)
+    signals = hold_resting_joints(logs.prepare_signals(recording, processing), resting)
     load = compute_payload_torque(library, signals, recording)
     return signals if load is None else replace(signals, tau=signals.tau - load)
 
@@ -400,7 +392,7 @@ def mask_fast(
                 for part in parts:
                     steps = np.diff(rows.time[part])
                     places = round(reach / float(np.median(steps))) if len(steps) else 0
-                    slow[part] = spread_bad(~fast[part, None], places)[:, 0]
+                    slow[part] = logs.spread_bad(~fast[part, None], places)[:, 0]
                 if np.sum(~slow[own]) >= least:
                     break
                 reach *= 0.5
@@ -606,7 +598,7 @@ def predict_outlines(
     for run, recording in enumerate(recordings):
         if maker.kind == "torque":
             torques = equations.evaluate_torques(maker.library, maker.prepare_states(recording), values)
-            whole = decimate(torques, maker.processing.decimation)
+            whole = logs.decimate(torques, maker.processing.decimation)
         else:
             whole = np.concatenate([matrix @ values for _, matrix in maker.cut(recording)])
         for outline, found in zip(outlines, predicted, strict=True):

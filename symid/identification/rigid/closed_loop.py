@@ -37,6 +37,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from symid import logs
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard, RigidExperiment
 from symid.errors import IdentifiabilityError, Notice, SolverError, SymidError, UsageError
@@ -44,15 +45,7 @@ from symid.identification import diagnostics, estimators, regression
 from symid.identification.judge import POLICY, numerics
 from symid.identification.rigid.fit import build_estimate, identify_parameters
 from symid.identification.rigid.plan import INSTRUMENTAL
-from symid.logs import (
-    Recording,
-    Signals,
-    choose_processing,
-    decimate,
-    differentiate,
-    mask_decimated,
-    prepare_signals,
-)
+from symid.logs import Recording, Signals
 from symid.robot import Controller, Processing, Robot, list_controller
 from symid.simulation import RigidPlant, simulate_rigid_plant
 
@@ -104,7 +97,7 @@ def build_closed_loop(recording: Recording, controller: Controller, limit: Float
     speeds = np.zeros_like(reference)
     if controller.velocity == "error":
         known = recording.reference_velocity
-        speeds = differentiate(reference, recording.period) if known is None else known
+        speeds = logs.differentiate(reference, recording.period) if known is None else known
     loop = ClosedLoop(
         controller=controller,
         reference=reference,
@@ -173,7 +166,7 @@ def compute_demand(loop: ClosedLoop, recording: Recording) -> FloatArray:
     """Return the torque (N, n) that the controller commands at the measured positions, as logged."""
     position, period, blend = recording.position, recording.period, loop.compute_blend(recording.period)
     if loop.controller.velocity_source == "sensor":
-        raw = differentiate(position, period)
+        raw = logs.differentiate(position, period)
     else:
         raw = np.diff(position, axis=0, prepend=2.0 * position[:1] - position[1:2]) / period
     speeds = raw.copy()
@@ -194,7 +187,7 @@ def simulate_closed_loop(
     """
     valued = Library(set_card_values(library.card, values), library.engine)
     period, gains, known = recording.period, loop.controller, recording.reference_velocity
-    speed = differentiate(loop.reference, period)[0] if known is None else known[0]
+    speed = logs.differentiate(loop.reference, period)[0] if known is None else known[0]
     speed = np.where(np.abs(speed) > numerics.RANK * np.abs(loop.reference).max() / period, speed, 0.0)
     order = RigidExperiment(
         position=loop.reference,
@@ -227,7 +220,7 @@ def simulate_closed_loop(
         time=recording.time,
         q=log.q,
         dq=log.dq,
-        ddq=differentiate(log.dq, period),
+        ddq=logs.differentiate(log.dq, period),
         tau=_log_torque(log.torque, gains),
         period=period,
     )
@@ -253,7 +246,7 @@ class ClosedLoopProblem:
     Args:
         library: the robot's functions.
         recordings: at least one; loops: the controller of each.
-        processing: of the rows.
+        processing: of the rows, with nothing left open.
         weights: of each recording's squared residuals; one if None.
     """
 
@@ -352,7 +345,7 @@ def _iterate(
         kept = _select_compared(problem, recording, loop)
         measured = recording.position[kept]
         pair = np.hstack([run.q[kept] - measured, loop.reference[kept] - measured])
-        apart.append(decimate(pair, problem.processing.decimation))
+        apart.append(logs.decimate(pair, problem.processing.decimation))
     tracking, lag = np.split(np.sqrt(np.mean(np.vstack(apart) ** 2, axis=0)), 2)
     return replace(found, changes=tuple(changes), tracking=tracking, lag=lag)
 
@@ -380,12 +373,11 @@ def fit_output_error(
 
     `start` has all initial parameters, by name; `progress` is called with a line about each iteration.
     """
-    processing = choose_processing(problem.processing, problem.recordings[0].period)
-    problem = replace(problem, processing=replace(processing, filter_cutoff=None, filter_torque=False))
+    processing = replace(problem.processing, filter_cutoff=None, filter_torque=False)
+    library, problem = problem.library, replace(problem, processing=processing)
 
     def solve(values: FloatArray, runs: Sequence[Signals]) -> ClosedLoopFit:
         pairs: list[tuple[regression.Rows, regression.Rows]] = []
-        library, processing = problem.library, problem.processing
         for recording, loop, run in zip(problem.recordings, problem.loops, runs, strict=True):
             kept = _select_compared(problem, recording, loop)
             columns = {name: getattr(run, name)[kept] for name in ("time", "q", "dq", "ddq")}
@@ -393,9 +385,9 @@ def fit_output_error(
             signals = Signals(**columns, tau=recording.torque[kept], period=run.period, bad=bad)
             built = regression.build_rows("torque", library, signals, processing)
             beyond = regression.evaluate_torques(library, signals, values) - run.tau[kept]
-            excess = decimate(beyond, processing.decimation)
+            excess = logs.decimate(beyond, processing.decimation)
             wrong = np.zeros(beyond.shape, bool) if bad is None else bad
-            good = ~mask_decimated(wrong, processing.decimation)
+            good = ~logs.mask_decimated(wrong, processing.decimation)
             # A brake may hold a joint at rest: its torque contains no information.
             joints = library.card.joints
             held = tuple(j for j in regression.list_resting_joints(recording) if joints[j].friction != "none")
@@ -412,7 +404,7 @@ def fit_output_error(
             )
             blind = Notice(code="identify.blind-simulation", text=text)
             raise IdentifiabilityError(blind, *error.notices) from error
-        fit = estimators.fit_rows("wls", shifted, identifiability, problem.processing.noise_freedom)
+        fit = estimators.fit_rows("wls", shifted, identifiability, processing.noise_freedom)
         return ClosedLoopFit(fit=fit, identifiability=identifiability, rows=rows, simulated=rows)
 
     return _iterate(problem, start, solve, progress)
@@ -429,8 +421,7 @@ def fit_instrumental(
 
     The processing is of measured and simulated positions alike; arguments as for `fit_output_error`.
     """
-    processing = choose_processing(problem.processing, problem.recordings[0].period)
-    problem = replace(problem, processing=processing)
+    freedom = problem.processing.noise_freedom
     # Once the problem has been checked; no iteration changes them.
     build = cache(lambda: _build_measured(problem))
 
@@ -438,7 +429,7 @@ def fit_instrumental(
         measured = build()
         rows = regression.stack_rows(measured, problem.weights)
         simulated = _build_beside(problem, [run.q for run in runs], measured)
-        found = estimators.fit_instruments(rows, simulated, rule, processing.noise_freedom)
+        found = estimators.fit_instruments(rows, simulated, rule, freedom)
         return ClosedLoopFit(
             fit=found.fit,
             identifiability=found.identifiability,
@@ -455,11 +446,10 @@ def estimate_start(problem: ClosedLoopProblem) -> dict[str, float] | None:
 
     Nothing is simulated.
     """
-    processing = choose_processing(problem.processing, problem.recordings[0].period)
-    problem = replace(problem, processing=processing, weights=None)
+    problem, freedom = replace(problem, weights=None), problem.processing.noise_freedom
     measured = _build_measured(problem)
     beside = _build_beside(problem, [loop.reference for loop in problem.loops], measured)
-    rows, freedom = regression.stack_rows(measured), processing.noise_freedom
+    rows = regression.stack_rows(measured)
     try:
         found = estimators.fit_instruments(rows, beside, freedom=freedom)
     except IdentifiabilityError:
@@ -489,7 +479,7 @@ def _build_beside(
     parts = []
     pairs = _list_settings(problem)
     for (recording, processing), position, rows in zip(pairs, positions, measured, strict=True):
-        signals = prepare_signals(replace(recording, position=position), processing)
+        signals = logs.prepare_signals(replace(recording, position=position), processing)
         signals = regression.hold_resting_joints(signals, regression.list_resting_joints(recording))
         whole = regression.build_rows("torque", problem.library, signals, processing)
         kept = np.zeros(len(whole.values), dtype=bool)
@@ -546,8 +536,8 @@ def identify_closed_loop(
     verdict, warnings = _assess_instruments(found, problem)
     # Percent of the logged torque that the controller does not explain.
     thin, pairs = problem.processing.decimation, list(zip(problem.loops, recordings, strict=True))
-    missing = np.vstack([decimate(log.torque - compute_demand(loop, log), thin) for loop, log in pairs])
-    size = np.linalg.norm(np.vstack([decimate(log.torque, thin) for log in recordings]), axis=0)
+    missing = np.vstack([logs.decimate(log.torque - compute_demand(loop, log), thin) for loop, log in pairs])
+    size = np.linalg.norm(np.vstack([logs.decimate(log.torque, thin) for log in recordings]), axis=0)
     share = 100.0 * np.linalg.norm(missing, axis=0) / np.where(size > 0.0, size, 1.0)
     joints = zip(library.card.joints, found.tracking.tolist(), found.lag.tolist(), strict=True)
     stated = list_controller(controller)
