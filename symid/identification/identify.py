@@ -31,6 +31,9 @@ from symid.identification.stored import read_rigid
 from symid.robot import Robot, describe_settings
 
 Fit_co = TypeVar("Fit_co", bound=FitRecord, covariant=True)
+Recordings = Sequence[log_files.Recording]
+Pairs = Sequence[tuple[str, str]]
+"""Settings of a call: keys and values."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,11 +62,7 @@ class Identification(Generic[Fit_co]):
 
 
 def identify_robot(
-    robot: Robot,
-    recordings: Sequence[log_files.Recording],
-    options: IdentifyOptions,
-    context: TaskContext,
-    pairs: Sequence[tuple[str, str]] = (),
+    robot: Robot, recordings: Recordings, options: IdentifyOptions, context: TaskContext, pairs: Pairs = ()
 ) -> Identification[Estimate | elastics.ElasticEstimate]:
     """Return the parameters of a robot, with the settings of the call, that explain its recordings best.
 
@@ -95,7 +94,7 @@ def identify_robot(
     return _identify_rigid(robot, recordings, options, context, motor_side=motor_side)
 
 
-def _list_log_notices(robot: Robot, recordings: Sequence[log_files.Recording]) -> tuple[Notice, ...]:
+def _list_log_notices(robot: Robot, recordings: Recordings) -> tuple[Notice, ...]:
     """Return the notices on the robot file and on the logs."""
     found: tuple[Notice, ...] = robot.notices
     for recording in recordings:
@@ -104,12 +103,7 @@ def _list_log_notices(robot: Robot, recordings: Sequence[log_files.Recording]) -
 
 
 def _identify_rigid(
-    robot: Robot,
-    recordings: Sequence[log_files.Recording],
-    options: IdentifyOptions,
-    context: TaskContext,
-    *,
-    motor_side: bool,
+    robot: Robot, recordings: Recordings, options: IdentifyOptions, context: TaskContext, *, motor_side: bool
 ) -> Identification[Estimate]:
     rows, estimator, overlap = options.rows or "torque", options.estimator, options.overlap or 0.0
     friction = options.friction
@@ -152,7 +146,7 @@ def _identify_rigid(
         if options.prior not in (None, rigids.PRIOR_OF_ROBOT):
             prior = read_rigid(options.prior, library.card)
 
-        def fit(logs: Sequence[log_files.Recording]) -> Estimate:
+        def fit(logs: Recordings) -> Estimate:
             echo = log_files.describe_logs(rigid, logs)
             if estimator in rigids.SIMULATING:
                 return rigids.identify_closed_loop(
@@ -202,11 +196,7 @@ def _identify_rigid(
 
 
 def prepare_elastic_methods(
-    robot: Robot,
-    recordings: Sequence[log_files.Recording],
-    options: IdentifyOptions,
-    context: TaskContext,
-    pairs: Sequence[tuple[str, str]] = (),
+    robot: Robot, recordings: Recordings, options: IdentifyOptions, context: TaskContext, pairs: Pairs = ()
 ) -> Callable[[str], Identification[elastics.ElasticEstimate]]:
     """Return what identifies by a method of a name; logs are aligned and equations built once for all.
 
@@ -243,8 +233,8 @@ class _ElasticInput(NamedTuple):
 
     library: Library
     options: elastics.ElasticOptions
-    cut: Sequence[log_files.Recording]
-    moved: Sequence[log_files.Recording]
+    cut: Recordings
+    moved: Recordings
     alignment: log_files.Alignment | None
     notices: tuple[Notice, ...]
 
@@ -254,11 +244,7 @@ class _ElasticInput(NamedTuple):
 
 
 def _prepare_elastic(
-    robot: Robot,
-    recordings: Sequence[log_files.Recording],
-    options: elastics.ElasticOptions,
-    pairs: Sequence[tuple[str, str]],
-    context: TaskContext,
+    robot: Robot, recordings: Recordings, options: elastics.ElasticOptions, pairs: Pairs, context: TaskContext
 ) -> _ElasticInput:
     elastics.check_settings(pairs, "elastic")
     cut = elastics.cut_logs(recordings, robot.processing)
@@ -278,11 +264,7 @@ def _prepare_elastic(
 
 
 def build_elastic_graph(
-    robot: Robot,
-    recordings: Sequence[log_files.Recording],
-    options: IdentifyOptions,
-    pairs: Sequence[tuple[str, str]],
-    context: TaskContext,
+    robot: Robot, recordings: Recordings, options: IdentifyOptions, pairs: Pairs, context: TaskContext
 ) -> "tuple[elastics.nlp.NlpGraph, tuple[Notice, ...]]":
     """Return the one-shot problem of elastic joints as expressions, with notices; see `identify_robot`."""
     log_files.refuse_known_payloads(recordings, "a robot with elastic joints")
@@ -294,10 +276,7 @@ def build_elastic_graph(
 
 
 def identify_stiffness(
-    robot: Robot,
-    recordings: Sequence[log_files.Recording],
-    pairs: Sequence[tuple[str, str]],
-    context: TaskContext,
+    robot: Robot, recordings: Recordings, pairs: Pairs, context: TaskContext
 ) -> "tuple[elastics.StiffnessEstimate, tuple[Notice, ...]]":
     """Return the delay between the encoders, their offsets and the stiffness of every joint, with notices.
 
@@ -316,7 +295,7 @@ def identify_stiffness(
 
 
 def identify_robot_friction(
-    robot: Robot, recordings: Sequence[log_files.Recording], options: LawOptions, context: TaskContext
+    robot: Robot, recordings: Recordings, options: LawOptions, context: TaskContext
 ) -> Identification[frictions.FrictionIdentification]:
     """Return the friction of every joint that the recordings move, of a robot with the settings of the call.
 

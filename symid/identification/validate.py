@@ -18,15 +18,13 @@ from symid.errors import LogError, Notice, UsageError
 from symid.excitation import Trajectory, build_trajectory
 from symid.identification import diagnostics, elastic, estimators, rigid as rigids
 from symid.identification.friction import FrictionIdentification, set_identified_friction, validate_friction
-from symid.identification.identify import TaskContext
+from symid.identification.identify import Pairs, TaskContext
 from symid.identification.judge import POLICY
 from symid.identification.regression import fill_loads, list_coupled_rotors
 from symid.identification.stored import StoredResult
 from symid.robot import Robot
 from symid.serialization import compute_file_digest
 from symid.simulation import build_noisy_options, check_stated_values
-
-Pairs = Sequence[tuple[str, str]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
         LogPart as LogPart,
         Recording as Recording,
         Signals as Signals,
+        States as States,
         cut_ends as cut_ends,
         cut_recording as cut_recording,
         has_states as has_states,

@@ -32,7 +32,7 @@ from symid.arrays import FloatArray, freeze
 from symid.errors import Notice
 from symid.logs.columns import Findings, join_names
 from symid.logs.files import RawLog, build_file_error
-from symid.logs.headings import is_commanded
+from symid.logs.headings import Names, is_commanded
 from symid.robot import Robot
 
 STORAGE_SUFFIXES = (".db3", ".mcap")
@@ -343,9 +343,7 @@ def _list_sides(text: str) -> set[str]:
     return {_SIDES[word.lower()] for word in _WORD.findall(text) if word.lower() in _SIDES}
 
 
-def _keep_complete(
-    raw: RawLog, topic: str, columns: Mapping[str, tuple[str, ...]], findings: Findings
-) -> RawLog:
+def _keep_complete(raw: RawLog, topic: str, columns: Names, findings: Findings) -> RawLog:
     """Return the log with those samples of a topic that have position and effort of every joint."""
     needed = np.stack([raw.columns[name] for key in ("position", "torque") for name in columns[key]])
     whole = np.all(np.isfinite(needed), axis=0)

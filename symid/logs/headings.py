@@ -325,13 +325,13 @@ def ask_constants(joints: Sequence[Joint]) -> str:
     return f"give --torque-constant {listed} (N m/A at the motor, of {names}), and --gear if it is not stated"
 
 
+Names = Mapping[str, tuple[str, ...]]
+"""Names of columns, or units, by quantity."""
+
+
 def propose_quantities(
-    raw: RawLog,
-    robot: Robot,
-    columns: Mapping[str, tuple[str, ...]],
-    units: Mapping[str, tuple[str, ...]],
-    findings: Findings,
-) -> tuple[dict[str, LogQuantity], dict[str, tuple[str, ...]]]:
+    raw: RawLog, robot: Robot, columns: Names, units: Names, findings: Findings
+) -> tuple[dict[str, LogQuantity], Names]:
     """Return all quantities that the headings or the user name, and the units as stated."""
     headings, known = read_headings(raw, robot.axes), tuple(raw.columns)
     found: dict[str, LogQuantity] = {}

@@ -34,7 +34,7 @@ from symid.logs.columns import (
     join_names,
 )
 from symid.logs.files import RawLog, build_file_error, read_csv, read_hdf5, read_mat, read_npz, read_parquet
-from symid.logs.headings import REQUIRED_QUANTITIES, is_commanded
+from symid.logs.headings import REQUIRED_QUANTITIES, Names, is_commanded
 from symid.logs.recording import OPTIONAL_CHANNELS, Recording
 from symid.logs.signals import choose_processing, compute_least_samples, describe_too_short, describe_uneven
 from symid.notation import UNITS, get_unit_factor
@@ -83,7 +83,7 @@ class Recognised:
     raw: RawLog
     table: LogMap
     short: LogMap
-    units: Mapping[str, tuple[str, ...]]
+    units: Names
 
 
 def assign_columns(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, Robot]:
@@ -118,11 +118,7 @@ def assign_columns(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLo
 
 
 def recognise_columns(
-    raw: RawLog,
-    robot: Robot,
-    columns: Mapping[str, tuple[str, ...]],
-    units: Mapping[str, tuple[str, ...]],
-    findings: Findings,
+    raw: RawLog, robot: Robot, columns: Names, units: Names, findings: Findings
 ) -> Recognised | None:
     """Return what the names of columns say; None, and mistakes noted, if they do not say enough.
 
@@ -149,9 +145,7 @@ def recognise_columns(
     return found
 
 
-def _match_preset(
-    raw: RawLog, robot: Robot, units: Mapping[str, tuple[str, ...]], findings: Findings
-) -> Recognised | None:
+def _match_preset(raw: RawLog, robot: Robot, units: Names, findings: Findings) -> Recognised | None:
     """Return the columns of the program that wrote the log, None where it is not known."""
     own = None if units else _match_symid_columns(raw, robot)
     if own is not None:
@@ -199,7 +193,7 @@ def _match_preset(
     return None
 
 
-def _list_units(read: Mapping[str, LogQuantity]) -> dict[str, tuple[str, ...]]:
+def _list_units(read: Mapping[str, LogQuantity]) -> Names:
     return {name: (entry.unit,) for name, entry in read.items()}
 
 

@@ -143,6 +143,10 @@ class Recording:
         return self.whole or LogExtent(start=start, end=last + self.period)
 
 
+States = tuple[FloatArray, FloatArray, FloatArray, FloatArray | None, FloatArray | None]
+"""q, dq, ddq, load and temperature, None for those that are not known."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Signals(FrozenArrays):
     """States and torques at full rate after filter, differentiation and cut ends, before decimation.
@@ -163,10 +167,8 @@ class Signals(FrozenArrays):
     temperature: FloatArray | None = None
     bad: NDArray[np.bool_] | None = None
 
-    def pick_states(
-        self, places: slice | NDArray[np.intp]
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None, FloatArray | None]:
-        """Return q, dq, ddq, load and temperature at some samples, None for those that are not known."""
+    def pick_states(self, places: slice | NDArray[np.intp]) -> States:
+        """Return the states at some samples."""
         load, warmth = (None if part is None else part[places] for part in (self.load, self.temperature))
         return self.q[places], self.dq[places], self.ddq[places], load, warmth
 

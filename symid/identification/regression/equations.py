@@ -156,7 +156,7 @@ def cut_matrix(
         q, dq = signals.q[part], signals.dq[part]
         (momentum,) = library.evaluate("momentum_regressor", q[block.ends], dq[block.ends])
         (lagrange,) = library.evaluate("lagrange_regressor", q, dq)
-        friction = _evaluate_friction(library, *signals.pick_states(part))
+        friction = _evaluate_friction(library, signals.pick_states(part))
         matrix = integrate_windows(np.concatenate([-lagrange, *friction], axis=2), block)
         matrix[:, :, : momentum.shape[2]] += np.diff(momentum, axis=0)
         yield rows, _merge(matrix, pieces)
@@ -175,10 +175,10 @@ def evaluate_columns(  # noqa: PLR0917 - the states of a sample, in the order of
     result, count = np.empty((0, 0, 0)), len(q)
     for start in range(0, count, numerics.BLOCK):
         part = slice(start, start + numerics.BLOCK)
-        states = q[part], dq[part], ddq[part]
-        others = (None if entry is None else entry[part] for entry in (load, temperature))
-        columns = library.evaluate("torque_regressor", *states)
-        columns += _evaluate_friction(library, *states, *others)
+        force, warmth = (None if entry is None else entry[part] for entry in (load, temperature))
+        states = q[part], dq[part], ddq[part], force, warmth
+        columns = library.evaluate("torque_regressor", *states[:3])
+        columns += _evaluate_friction(library, states)
         if not start:
             result = np.empty((count, dq.shape[1], sum(entry.shape[2] for entry in columns)))
         np.concatenate(columns, axis=2, out=result[part])
@@ -195,7 +195,7 @@ def evaluate_torques(library: Library, signals: Signals, values: FloatArray) -> 
         part, place = slice(start, start + numerics.BLOCK), 0
         states = signals.pick_states(part)
         columns = library.evaluate("torque_regressor", *states[:3])
-        for entry in columns if rigid else (*columns, *_evaluate_friction(library, *states)):
+        for entry in columns if rigid else (*columns, *_evaluate_friction(library, states)):
             torques[part] += entry @ values[place : place + entry.shape[2]]
             place += entry.shape[2]
     return torques
@@ -221,7 +221,7 @@ def _build_energy_part(library: Library, signals: Signals, length: float, pieces
     for _, block, part in _cut_windows(windows, pieces):
         q, dq = signals.q[part], signals.dq[part]
         kinetic, potential = library.evaluate("energy_regressor", q[block.ends], dq[block.ends])
-        friction = _evaluate_friction(library, *signals.pick_states(part))
+        friction = _evaluate_friction(library, signals.pick_states(part))
         work = (integrate_windows(np.einsum("ij,ijk->ik", dq, one), block) for one in friction)
         matrix.append(_merge(np.hstack([np.diff(kinetic + potential, axis=0), *work]), pieces))
     power = np.einsum("ij,ij->i", signals.tau, signals.dq)
@@ -241,7 +241,7 @@ def _build_power_part(library: Library, signals: Signals, processing: Processing
         q, dq = signals.q[part], signals.dq[part]
         kinetic, potential = library.evaluate("energy_regressor", q, dq)
         energy = kinetic + potential
-        columns = _evaluate_friction(library, *signals.pick_states(part))
+        columns = _evaluate_friction(library, signals.pick_states(part))
         friction = (average(np.einsum("ij,ijk->ik", dq, one)) for one in columns)
         supplied = average(np.einsum("ij,ij->i", signals.tau[part], dq))
         return np.column_stack([(energy[2:] - energy[:-2]) / (2.0 * signals.period), *friction, supplied])
@@ -281,7 +281,7 @@ def _build_filtered_part(library: Library, signals: Signals, length: float) -> E
         q, dq = signals.q[part], signals.dq[part]
         (lagrange,) = library.evaluate("lagrange_regressor", q, dq)
         (inner,) = library.evaluate("momentum_regressor", q, dq)
-        friction = _evaluate_friction(library, *signals.pick_states(part))
+        friction = _evaluate_friction(library, signals.pick_states(part))
         columns = np.concatenate([-lagrange - rate * inner, *friction], axis=2)
         steps, momentum = _weigh_windows(columns, block, weights), inner[block.ends]
         steps[:, :, : inner.shape[2]] += rate * (momentum[1:] - keep * momentum[:-1])
@@ -298,24 +298,17 @@ def _build_filtered_part(library: Library, signals: Signals, length: float) -> E
     )
 
 
-def _evaluate_friction(
-    library: Library,
-    q: FloatArray,
-    dq: FloatArray,
-    _ddq: FloatArray,
-    load: FloatArray | None,
-    temperature: FloatArray | None,
-) -> tuple[FloatArray, ...]:
+def _evaluate_friction(library: Library, states: logs.States) -> tuple[FloatArray, ...]:
     """Return the columns of friction, and sum_k c_k dPhi_k / ds (N, n, s) of searched shape values s."""
-    card = library.card
+    card, (q, dq, _, load, temperature) = library.card, states
     if not card.friction:
         return ()
     inputs = card.gather_friction_inputs(dq, q=q, load=load, temperature=temperature)
     columns = library.evaluate("friction_regressor", *inputs)
     if not card.searched:
         return columns
-    states = {"velocity": dq, "position": q, "load": load, "temperature": temperature}
-    given = {name: values for name, values in states.items() if values is not None}
+    named = {"velocity": dq, "position": q, "load": load, "temperature": temperature}
+    given = {name: values for name, values in named.items() if values is not None}
     found, place = np.zeros((*dq.shape, len(card.searched))), 0
     for joint, entry in enumerate(card.joints):
         shape = [one.value or 0.0 for one in card.searched if one.joint == entry.name]

@@ -248,6 +248,7 @@ class ClosedLoopProblem:
         recordings: at least one; loops: the controller of each.
         processing: of the rows, with nothing left open.
         weights: of each recording's squared residuals; one if None.
+        progress: is called with a line about each iteration.
     """
 
     library: Library
@@ -255,6 +256,8 @@ class ClosedLoopProblem:
     loops: Sequence[ClosedLoop]
     processing: Processing
     weights: Sequence[float] | None = None
+    rule: regression.RankRule | None = None
+    progress: Callable[[str], None] = lambda _: None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -280,12 +283,10 @@ class ClosedLoopFit:
     lag: FloatArray = field(default_factory=lambda: np.empty(0))
 
 
-def _iterate(
-    problem: ClosedLoopProblem,
-    start: Mapping[str, float],
-    solve: Callable[[FloatArray, Sequence[Signals]], ClosedLoopFit],
-    progress: Callable[[str], None],
-) -> ClosedLoopFit:
+Solve = Callable[[FloatArray, Sequence[Signals]], ClosedLoopFit]
+
+
+def _iterate(problem: ClosedLoopProblem, start: Mapping[str, float], solve: Solve) -> ClosedLoopFit:
     """Return the fit at which the iteration converges."""
     card = problem.library.card
     values = np.array([start[entry.name] for entry in (*card.beta, *card.friction)])
@@ -311,7 +312,8 @@ def _iterate(
         # A log without noise has no deviations.
         moved = learnable & (np.abs(step) > numerics.CONVERGED * np.abs(fit.values))
         changes.append(float(np.max(np.abs(step[moved]) / deviation[moved], initial=0.0)))
-        progress(f"simulation {len(changes)}: parameters change by {changes[-1]:.2g} standard deviations")
+        told = f"parameters change by {changes[-1]:.2g} standard deviations"
+        problem.progress(f"simulation {len(changes)}: {told}")
         # The choice among valid instruments changes the parameters too: steps become shorter each time that
         # changes are not halved.
         rising = sum(after > 0.5 * before for before, after in pairwise(changes))
@@ -362,16 +364,10 @@ def _simulate(problem: ClosedLoopProblem, values: FloatArray) -> list[Signals]:
     return [simulate_closed_loop(problem.library, values, recording, loop) for recording, loop in pairs]
 
 
-def fit_output_error(
-    problem: ClosedLoopProblem,
-    start: Mapping[str, float],
-    *,
-    rule: regression.RankRule | None = None,
-    progress: Callable[[str], None] = lambda _: None,
-) -> ClosedLoopFit:
+def fit_output_error(problem: ClosedLoopProblem, start: Mapping[str, float]) -> ClosedLoopFit:
     """Return the parameters whose simulated torque is nearest to the measured one; positions pass no filter.
 
-    `start` has all initial parameters, by name; `progress` is called with a line about each iteration.
+    `start` has all initial parameters, by name.
     """
     processing = replace(problem.processing, filter_cutoff=None, filter_torque=False)
     library, problem = problem.library, replace(problem, processing=processing)
@@ -396,7 +392,7 @@ def fit_output_error(
         # With the measured torques, and with tau - tau_s + W x in their place.
         rows, shifted = (regression.stack_rows(parts, problem.weights) for parts in zip(*pairs, strict=True))
         try:
-            identifiability = regression.analyse_identifiability(shifted, rule)
+            identifiability = regression.analyse_identifiability(shifted, problem.rule)
         except IdentifiabilityError as error:
             text = (
                 "the simulated robot does not move enough: the reference of the log hardly moves, or the "
@@ -407,16 +403,10 @@ def fit_output_error(
         fit = estimators.fit_rows("wls", shifted, identifiability, processing.noise_freedom)
         return ClosedLoopFit(fit=fit, identifiability=identifiability, rows=rows, simulated=rows)
 
-    return _iterate(problem, start, solve, progress)
+    return _iterate(problem, start, solve)
 
 
-def fit_instrumental(
-    problem: ClosedLoopProblem,
-    start: Mapping[str, float],
-    *,
-    rule: regression.RankRule | None = None,
-    progress: Callable[[str], None] = lambda _: None,
-) -> ClosedLoopFit:
+def fit_instrumental(problem: ClosedLoopProblem, start: Mapping[str, float]) -> ClosedLoopFit:
     """Return the parameters that explain the torque at the measured states, by instruments.
 
     The processing is of measured and simulated positions alike; arguments as for `fit_output_error`.
@@ -429,7 +419,7 @@ def fit_instrumental(
         measured = build()
         rows = regression.stack_rows(measured, problem.weights)
         simulated = _build_beside(problem, [run.q for run in runs], measured)
-        found = estimators.fit_instruments(rows, simulated, rule, freedom)
+        found = estimators.fit_instruments(rows, simulated, problem.rule, freedom)
         return ClosedLoopFit(
             fit=found.fit,
             identifiability=found.identifiability,
@@ -438,7 +428,7 @@ def fit_instrumental(
             instrumental=found,
         )
 
-    return _iterate(problem, start, solve, progress)
+    return _iterate(problem, start, solve)
 
 
 def estimate_start(problem: ClosedLoopProblem) -> dict[str, float] | None:
@@ -523,6 +513,8 @@ def identify_closed_loop(
         loops=[build_closed_loop(recording, controller, limits) for recording in recordings],
         processing=filters.processing,
         weights=weights,
+        rule=rule,
+        progress=progress,
     )
     given, cards = start or first, (*library.card.beta, *library.card.friction)
     # What an estimate refuses is taken from the robot file, or is zero.
@@ -531,8 +523,7 @@ def identify_closed_loop(
     begun_with, instrumental = start_name or "torque rows by wls", estimator == INSTRUMENTAL
     if instrumental and start is None and (own := estimate_start(problem)) is not None:
         begun, begun_with = {**begun, **own}, "instruments along the references"
-    fit = fit_instrumental if instrumental else fit_output_error
-    found = fit(problem, begun, rule=rule, progress=progress)
+    found = (fit_instrumental if instrumental else fit_output_error)(problem, begun)
     verdict, warnings = _assess_instruments(found, problem)
     # Percent of the logged torque that the controller does not explain.
     thin, pairs = problem.processing.decimation, list(zip(problem.loops, recordings, strict=True))
