@@ -331,9 +331,8 @@ def _write_new(found: Identified, suffix: str, folder: Path, outcome: str, preci
             return robots.write_c_values(values, comments=comments, precision=precision)
         case ".json":
             values, sources = _build_values(found), found.sources
-            return (
-                write_json(robots.build_json_values(robot, values, outcome=outcome, sources=sources)) + "\n"
-            )
+            data = robots.build_json_values(robot, values, outcome=outcome, sources=sources)
+            return write_json(data) + "\n"
     write = {".urdf": robots.write_urdf, ".usda": robots.write_usd}.get(suffix, robots.write_mjcf)
     return write(robot, comments=(comment,))
 

@@ -97,6 +97,7 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
         text = f"the robot has no place for what was taken off before the fit: {named}; its torques lack them"
         lost += [("export.effects", text)] if named else []
         places = [k for k, entry in enumerate(estimate.parameters) if entry in values]
+        table = estimate.covariance
         return Identified(
             robot=described,
             base=base,
@@ -110,9 +111,7 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
                 *(f"the spring of {joint!r}" for joint in lacking),
             ),
             notices=tuple(Notice(code=code, text=text, file=str(source)) for code, text in lost),
-            covariance=tuple(
-                tuple(estimate.covariance[i][j] for j in places) for i in places if estimate.covariance
-            ),
+            covariance=tuple(tuple(table[i][j] for j in places) for i in places if table),
         )
     found = build_rigid_estimate(estimate, described)
     robot = build_rigid_variant(described)

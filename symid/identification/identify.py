@@ -182,9 +182,8 @@ def _identify_rigid(
     estimate = replace(estimate, motion=motion, drawn=robot.made_from is not None)
     if motor_side:
         estimate = elastics.refuse_elasticity(estimate, robot, both=both)
-        warnings += tuple(
-            note for entry in recordings for note in entry.notices if note.code == "log.motor-position"
-        )
+        notes = (note for entry in recordings for note in entry.notices)
+        warnings += tuple(note for note in notes if note.code == "log.motor-position")
     elif any(log_files.get_second_encoder_side(recording) for recording in recordings):
         text = (
             "the second encoder of the log is not used: a rigid model takes the position of [log.position]; "
@@ -328,8 +327,7 @@ def identify_robot_friction(
     )
     names = [entry.name for entry in library.card.beta]
     echo = {
-        "log": describe_settings(robot)["log"],
-        **log_files.describe_runs(measured),
+        **log_files.describe_logs(robot, measured),
         "known": known,
         "known_values": None if beta is None else dict(zip(names, beta.tolist(), strict=True)),
         "friction": [joint.friction for joint in library.card.joints],

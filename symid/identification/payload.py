@@ -289,10 +289,8 @@ def _locate_flange(robot: Robot | None, joint: str, frame: FlangeFrame) -> tuple
         except (TypeError, ValueError):
             numbers = []
         if len(numbers) != 6 or not np.all(np.isfinite(numbers)):
-            text = (
-                f"--frame {frame}: expected the name of a link, or six numbers x,y,z,roll,pitch,yaw (m, rad)"
-            )
-            raise UsageError(Notice(code="usage.payload-frame", text=text))
+            expected = "expected the name of a link, or six numbers x,y,z,roll,pitch,yaw (m, rad)"
+            raise UsageError(Notice(code="usage.payload-frame", text=f"--frame {frame}: {expected}"))
         # Rot(z, yaw) Rot(y, pitch) Rot(x, roll).
         rotation = scipy.spatial.transform.Rotation.from_euler("xyz", numbers[3:]).as_matrix()
         listed = ", ".join(f"{number:g}" for number in numbers)

@@ -287,10 +287,9 @@ def _match_layout(
     counts = [len({*own} & needed) for _, own, _ in found]
     if not any(counts):
         return {}
-    topic, columns, more = found[counts.index(max(counts))]
-    rivals = [
-        other[0] for other, count in zip(found, counts, strict=True) if count == max(counts) and other[0]
-    ]
+    best = [entry for entry, count in zip(found, counts, strict=True) if count == max(counts)]
+    topic, columns, more = best[0]
+    rivals = [other for other, *_ in best if other]
     if topic and len(rivals) > 1:
         text = f"preset {preset!r}: {join_names(rivals)} have such columns; name those of the robot in [log]"
         findings.refuse("log.preset", text)

@@ -345,9 +345,8 @@ def analyse_condensed(
 
 def _refuse_all(reasons: str = "") -> IdentifiabilityError:
     text = f"no parameter is identifiable from this log{f' ({reasons})' if reasons else ''}"
-    return IdentifiabilityError(
-        Notice(code="identify.nothing", text=f"{text}: record a log in which the joints move")
-    )
+    text = f"{text}: record a log in which the joints move"
+    return IdentifiabilityError(Notice(code="identify.nothing", text=text))
 
 
 def list_resting_joints(recording: Recording) -> tuple[int, ...]:

@@ -477,9 +477,8 @@ class RowBuilder(NamedTuple):
 
     def prepare(self, recording: Recording) -> equations.Rows:
         """Return the equations of a recording, see `prepare_rows`."""
-        return prepare_rows(
-            self.kind, self.library, recording, self.processing, window=self.window, overlap=self.overlap
-        )
+        windows = {"window": self.window, "overlap": self.overlap}
+        return prepare_rows(self.kind, self.library, recording, self.processing, **windows)
 
     def outline(self, recording: Recording) -> equations.Rows:
         """Return the equations of a recording with their places in time (m, 1), from zero, as matrix."""
