@@ -70,7 +70,6 @@ if TYPE_CHECKING:
         resample_log as resample_log,
     )
     from symid.logs.signals import (
-        choose_cutoff as choose_cutoff,
         choose_processing as choose_processing,
         compute_noise_bandwidth as compute_noise_bandwidth,
         decimate as decimate,

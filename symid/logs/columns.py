@@ -293,20 +293,14 @@ def _stack_columns(
 ) -> FloatArray | None:
     """Return the columns of a quantity (N, k); None, and mistakes noted, where there is no such array."""
     missing = [name for name in names if name not in raw.columns]
+    stems, option = DEFAULT_NAMES[quantity], "column=NAME"
+    if quantity != "time":
+        stems = tuple(f"{stem} or {stem}1, {stem}2 ..." for stem in stems)
+        option = f"columns=NAME,NAME --set log.{quantity}.unit=UNIT"
+    hint = f"; without [log.{quantity}] it must be named {' or '.join(stems)}; else use --set log.{quantity}."
     for name in missing:
-        stems = DEFAULT_NAMES[quantity]
-        if mapped:
-            hint = ""
-        elif quantity == "time":
-            known = " or ".join(stems)
-            hint = f"; without [log.time] it must be named {known}; else use --set log.time.column=NAME"
-        else:
-            known = " or ".join(f"{stem} or {stem}1, {stem}2 ..." for stem in stems)
-            hint = (
-                f"; without [log.{quantity}] it must be named {known}; else use "
-                f"--set log.{quantity}.columns=NAME,NAME --set log.{quantity}.unit=UNIT"
-            )
-        findings.refuse("log.missing-column", _describe_missing(raw, name, quantity) + hint)
+        text = _describe_missing(raw, name, quantity)
+        findings.refuse("log.missing-column", text if mapped else f"{text}{hint}{option}")
     if missing:
         return None
     parts = [np.atleast_1d(raw.columns[name]) for name in names]

@@ -459,18 +459,11 @@ def prepare_signals(recording: Recording, processing: Processing) -> Signals:
     )
 
 
-def choose_cutoff(band: float, rate: float) -> float:
-    """Return the position's cut-off in Hz for rows up to `band` Hz, to three digits; `rate` in Hz of samples.
-
-    Five times the band, so that it damps nothing that the rows keep, or 0.4 of the sample rate.
-    """
-    return float(f"{min(5.0 * band, 0.4 * rate):.3g}")
-
-
 def choose_processing(processing: Processing, period: float, row_rate: float = _ROW_RATE) -> Processing:
     """Return the settings with cut-off and decimation chosen for a sample `period` in s, where `automatic`.
 
-    Rows come at `row_rate` in Hz or a little less; the cut-off is that of the band that decimation keeps.
+    Rows come at `row_rate` in Hz or a little less; the cut-off, to three digits, is five times the band that
+    decimation keeps, so that it damps nothing of it, or 0.4 of the sample rate.
     """
     if not processing.automatic:
         return processing
@@ -479,7 +472,7 @@ def choose_processing(processing: Processing, period: float, row_rate: float = _
         # Periods have rounding errors.
         decimation = replace(decimation, factor=max(1, math.ceil(rate / row_rate - 1e-6)))
     kept = 0.5 * decimation.band * rate / decimation.factor
-    cutoff = processing.filter_cutoff or choose_cutoff(kept, rate)
+    cutoff = processing.filter_cutoff or float(f"{min(5.0 * kept, 0.4 * rate):.3g}")
     return replace(processing, filter_cutoff=cutoff, decimation=decimation, automatic=False)
 
 

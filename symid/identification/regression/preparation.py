@@ -111,25 +111,21 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
         for joint, entry in enumerate(measure_bands(recording)[: len(clean)]):
             if joint not in resting:
                 clean[joint] = max(clean[joint], entry.clean)
-    decimation = usual.decimation
-    kept = 0.5 * decimation.band * rate / decimation.factor
+    factor, whole = usual.decimation.factor, 0.5 * usual.decimation.band * rate
     # Robots move up to 5 Hz: these are always kept.
-    band = max(5.0, min([kept, *(limit for limit in clean if limit > 0.0)]))
+    band = max(5.0, min([whole / factor, *(limit for limit in clean if limit > 0.0)]))
     if processing.decimation.factor == 1:
-        factor = max(decimation.factor, math.floor(0.5 * decimation.band * rate / band))
-        decimation = replace(decimation, factor=factor)
-        kept = 0.5 * decimation.band * rate / factor
-    cutoff = processing.filter_cutoff or logs.choose_cutoff(kept, rate)
-    noisy = decimation.factor > usual.decimation.factor
+        factor = max(factor, math.floor(whole / band))
+    chosen = logs.choose_processing(processing, recordings[0].period, rate / factor)
+    noisy = factor > usual.decimation.factor
     bands = ", ".join(f"{limit:.3g}" if limit else "-" for limit in clean)
     text = (
-        f"filter chosen from the logs: positions pass a low-pass at {cutoff:g} Hz, and one row in "
-        f"{decimation.factor} is kept (band up to {kept:.3g} Hz, limited by the "
+        f"filter chosen from the logs: positions pass a low-pass at {chosen.filter_cutoff:g} Hz, and one row "
+        f"in {factor} is kept (band up to {whole / factor:.3g} Hz, limited by the "
         f"{'noise' if noisy else 'rate'}; noise is below {100.0 * POLICY.relevance:g} % of the "
         f"accelerations up to {bands} Hz, joint by joint). To set them, state filter_cutoff and decimation "
         "under [processing]"
     )
-    chosen = replace(usual, filter_cutoff=cutoff, decimation=decimation)
     return FilterChoice(chosen, (Notice(code="identify.automatic", text=text),))
 
 
