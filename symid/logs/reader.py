@@ -252,10 +252,8 @@ def apply_preset(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog,
                 )
                 findings.refuse("log.no-torque-constant", text)
             coupled = robot.log.transmission is not None
-            factor, side = (
-                compute_current_factor(robot.axes, coupled=coupled),
-                "motor" if coupled else "joint",
-            )
+            factor = compute_current_factor(robot.axes, coupled=coupled)
+            side = "motor" if coupled else "joint"
             found[name] = LogQuantity(columns=names, unit="A", factor=factor or (1.0,), side=side)
         else:
             found[name] = LogQuantity(columns=names, unit="SI")

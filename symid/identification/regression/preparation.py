@@ -25,7 +25,8 @@ Supported: several recordings (the best of them counts for each joint); encoders
 quantisation included; known payloads, whose torque Y dbeta is subtracted; joints at rest, whose rows are
 left out where dry friction or a brake may hold them; long logs of torque and momentum rows.
 Not supported: a filter for each joint (columns of all joints share one equation); positions that were
-filtered before they were logged, whose noise is underestimated; payloads of simulated robots.
+filtered before they were logged, whose noise is underestimated; payloads of simulated robots; long logs of
+power and energy rows, whose covariance needs every row.
 """
 
 import math
@@ -473,8 +474,9 @@ class RowBuilder(NamedTuple):
 
     def prepare(self, recording: Recording) -> equations.Rows:
         """Return the equations of a recording, see `prepare_rows`."""
-        windows = {"window": self.window, "overlap": self.overlap}
-        return prepare_rows(self.kind, self.library, recording, self.processing, **windows)
+        return prepare_rows(
+            self.kind, self.library, recording, self.processing, window=self.window, overlap=self.overlap
+        )
 
     def outline(self, recording: Recording) -> equations.Rows:
         """Return the equations of a recording with their places in time (m, 1), from zero, as matrix."""
