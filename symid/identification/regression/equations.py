@@ -19,7 +19,7 @@ Not supported: elastic joints; samples at uneven times.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -360,8 +360,7 @@ class Rows:
         velocity: (m,) of the joint in rad/s or m/s; of a window its mean; 0 for scalar equations.
         names, units: of the p parameters; group_names, group_units, velocity_units: of the groups.
         independent: rows of independent noise that the rows are worth, as a fraction of them.
-        run: (m,) recording of a row, from zero; zero if not given.
-        weight: (m,) what the square of a row's residual counts for; one if not given.
+        run: (m,) recording of a row, from zero; weight: (m,) what the square of its residual counts for.
     """
 
     kind: str
@@ -376,19 +375,15 @@ class Rows:
     group_units: tuple[str, ...]
     velocity_units: tuple[str, ...]
     independent: float
+    run: NDArray[np.intp]
+    weight: FloatArray
     notices: tuple[Notice, ...] = ()
-    run: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, dtype=np.intp))
-    weight: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only; fill in `run` and `weight`."""
-        count = len(self.values)
-        if len(self.weight) != count:
-            object.__setattr__(self, "weight", np.ones(count))
+        """Copy the arrays and make them read-only."""
         freeze_fields(self)
-        run = self.run if len(self.run) == count else np.zeros(count)
-        for name, given in (("group", self.group), ("run", run)):
-            places = np.array(given, dtype=np.intp)
+        for name in ("group", "run"):
+            places = np.array(getattr(self, name), dtype=np.intp)
             places.setflags(write=False)
             object.__setattr__(self, name, places)
 
@@ -458,6 +453,8 @@ def assemble_rows(kind: str, card: ModelCard, part: EquationPart) -> Rows:
         group_units=units,
         velocity_units=velocity_units,
         independent=part.independent,
+        run=np.zeros(part.values.size, dtype=np.intp),
+        weight=np.ones(part.values.size),
         notices=warn_of_energy(card.size, kind) if kind in SCALAR_KINDS else (),
     )
     if part.bad is None or not part.bad.any():
