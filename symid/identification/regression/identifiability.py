@@ -91,18 +91,15 @@ def condense_weighted(rows: Rows, weight: FloatArray) -> Condensed:
     groups, size = len(rows.group_names), rows.matrix.shape[1] + 1
     factors = np.zeros((groups, size, size))
     counts = np.bincount(rows.group[weight != 0.0], minlength=groups).astype(np.intp)
-    root = None if np.all(weight == 1.0) else np.sqrt(weight)
+    root = np.sqrt(weight)[:, None]
     for index in range(groups):
         places = np.flatnonzero(rows.group == index)
         # Rows that stand together are taken as a slice, which copies nothing.
         together = len(places) and places[-1] - places[0] + 1 == len(places)
         members = slice(int(places[0]), int(places[-1]) + 1) if together else places
-        matrix, values = rows.matrix[members], rows.values[members]
+        matrix, values, scales = rows.matrix[members], rows.values[members], root[members]
         parts = (slice(start, start + BLOCK) for start in range(0, len(values), BLOCK))
-        blocks = (np.column_stack([matrix[part], values[part]]) for part in parts)
-        if root is not None:
-            scales = root[members, None]
-            blocks = (block * scales[k * BLOCK : (k + 1) * BLOCK] for k, block in enumerate(blocks))
+        blocks = (np.column_stack([matrix[part], values[part]]) * scales[part] for part in parts)
         factors[index] = extend_triangle(factors[index], blocks)
     return Condensed(factors=freeze(factors), counts=counts, independent=rows.independent)
 
