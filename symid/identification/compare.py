@@ -140,13 +140,9 @@ def build_stated_values(
     """
     largest = np.sqrt(np.finfo(float).max)
     known = np.array([entry is not None and entry < np.sqrt(largest) for entry in deviations], dtype=bool)
-    if len(covariance):
-        matrix = np.array(covariance, dtype=np.float64).reshape(len(values), len(values))
-    else:
-        spread = [
-            float(entry or 0.0) if there else 0.0 for entry, there in zip(deviations, known, strict=True)
-        ]
-        matrix = np.diag(np.square(spread))
+    spread = np.where(known, [float(entry or 0.0) for entry in deviations], 0.0)
+    given = np.array(covariance, dtype=np.float64) if len(covariance) else np.diag(spread**2)
+    matrix = given.reshape(len(values), len(values))
     known &= np.diag(matrix) < largest
     matrix[~known, :] = np.nan
     matrix[:, ~known] = np.nan
@@ -236,26 +232,22 @@ def try_readings(
             tried.append(
                 TriedReading(before=before, after=after, gain=gain, log_ratio=log_ratio, trial=number)
             )
-        order = sorted(range(len(tried)), key=lambda k: -tried[k].log_ratio)
+        tried.sort(key=lambda entry: -entry.log_ratio)
         given = {trials[reading.trial].group for reading in found}
         explaining = [
-            k
-            for k in order
-            if abs(tried[k].after) <= POLICY.printed * scale and trials[waiting[k]].group not in given
+            entry
+            for entry in tried
+            if abs(entry.after) <= POLICY.printed * scale and trials[entry.trial].group not in given
         ]
-        if not explaining or tried[explaining[0]].log_ratio <= least:
-            found += [tried[k] for k in order]
-            break
-        best, trial = tried[explaining[0]], waiting[explaining[0]]
-        group = trials[trial].group
-        alike = [
-            k
-            for k in explaining
-            if trials[waiting[k]].group == group and tried[k].log_ratio > best.log_ratio - near
-        ]
-        found.append(replace(best, decisive=True, rivals=len(alike) - 1))
-        waiting.remove(trial)
-        change = add_readings(change, [trials[trial]])
+        if not explaining or explaining[0].log_ratio <= least:
+            return (*found, *tried)
+        best = explaining[0]
+        taken = trials[best.trial]
+        alike = [entry for entry in explaining if entry.log_ratio > best.log_ratio - near]
+        rivals = sum(trials[entry.trial].group == taken.group for entry in alike) - 1
+        found.append(replace(best, decisive=True, rivals=rivals))
+        waiting.remove(best.trial)
+        change = add_readings(change, [taken])
     return tuple(found)
 
 
@@ -304,11 +296,7 @@ class EstimateSide:
 
 
 def build_side(robot: Robot, estimate: Estimate | ElasticEstimate, source: Path) -> EstimateSide:
-    """Return an estimate of `robot` as a side of a comparison; `source` is where it is from.
-
-    Raises:
-        EstimateError: it is of another model, or has no value.
-    """
+    """Return an estimate of `robot`, from `source`, as a side; an EstimateError where it has no value."""
     found, file = build_identified(robot, estimate, source), str(source)
     if not found.values:
         text = "it has no value of any base parameter; identify again"
@@ -318,7 +306,8 @@ def build_side(robot: Robot, estimate: Estimate | ElasticEstimate, source: Path)
         for entry in estimate.notices
         if entry.code == "identify.pattern"
     ]
-    if not found.covariance and sum(math.isfinite(entry.std) for entry in found.values) > 1:
+    values, deviations = ([getattr(entry, name) for entry in found.values] for name in ("value", "std"))
+    if not found.covariance and sum(map(math.isfinite, deviations)) > 1:
         text = "it has no covariance: its values are taken as independent, which affects chi-square"
         notices.append(Notice(code="compare.no-covariance", text=text, file=file))
     if found.springs or found.rotors:
@@ -331,9 +320,7 @@ def build_side(robot: Robot, estimate: Estimate | ElasticEstimate, source: Path)
         source=source,
         identified=found,
         names=tuple(entry.name for entry in found.values),
-        values=build_stated_values(
-            [entry.value for entry in found.values], [entry.std for entry in found.values], found.covariance
-        ),
+        values=build_stated_values(values, deviations, found.covariance),
         logs=tuple((path, str(digest)) for path, digest in zip(estimate.sources, known, strict=False)),
         notices=tuple(notices),
     )
@@ -436,13 +423,9 @@ class Compared:
 
 
 def check_files(paths: Sequence[Path], source: Path | None = None) -> None:
-    """Refuse files that cannot be read, and a file beside itself.
+    """Refuse files that cannot be read, all at once, and a file beside itself.
 
     `source` is where our estimate is from, if that is no path of this call.
-
-    Raises:
-        UsageError: the same file is given twice.
-        EstimateError: some are not there; all are named.
     """
     notices = []
     for path in paths:
@@ -487,11 +470,7 @@ def check_comparison_gate(found: Compared, gate: float | None) -> tuple[Notice, 
 
 
 def compare_with_estimate(ours: EstimateSide, theirs: EstimateSide) -> Compared:
-    """Return another estimate of the same robot beside ours, parameter by parameter.
-
-    Raises:
-        EstimateError: they have no parameter in common.
-    """
+    """Return another estimate of the same robot beside ours, parameter by parameter."""
     found = theirs.identified
     terms = {entry.name: dict(entry.terms) for entry in (*found.base.parameters, *found.base.friction)}
     groups, places, strange = [], [], []
@@ -520,19 +499,14 @@ def compare_with_table(
 ) -> Compared:
     """Return a table of values beside ours, in the table's groups.
 
-    `read_as` has groups of the table, by their text without blanks, and what to read them as.
-
-    Raises:
-        UsageError: a column is missing; a reading is no sum of ours, or of no group of the table.
-        EstimateError: with all that is wrong with the table.
+    `read_as` has groups of the table, by their text without blanks, and what to read them as. A UsageError
+    tells of missing columns and wrong readings, an EstimateError of all that is wrong with the table.
     """
-    base = ours.identified.base
-    file = str(path)
+    base, file = ours.identified.base, str(path)
 
     def read_row(text: str) -> tuple[Expr, ...]:
-        return dynamics.express_group(
-            base, dynamics.read_group(text, ours.identified.robot, base), repr(text)
-        )
+        terms = dynamics.read_group(text, ours.identified.robot, base)
+        return dynamics.express_group(base, terms, repr(text))
 
     for text in read_as.values():
         read_row(text)
@@ -542,19 +516,17 @@ def compare_with_table(
     unknown = [text for text in read_as if text not in known]
     if unknown:
         remedy = "the table has no such group with a value; write it as it stands there"
-        code = "usage.read-as"
         texts = (f"--read-as {text!r}: {remedy}" for text in unknown)
-        raise UsageError(*(Notice(code=code, text=text, file=file) for text in texts))
+        raise UsageError(*(Notice(code="usage.read-as", text=text, file=file) for text in texts))
     try:
         dynamics.build_regrouping(base, [row.name for row in rows], [repr(row.text) for row in rows])
     except UsageError as error:
-        # At the last line that a notice names.
-        lines = [
-            max((row.line for row in rows if repr(row.text) in notice.text), default=0)
-            for notice in error.notices
-        ]
-        located = zip(error.notices, lines, strict=True)
-        raise EstimateError(*(replace(entry, file=file, line=line) for entry, line in located)) from error
+        notices = []
+        for entry in error.notices:
+            # At the last line that a notice names.
+            line = max((row.line for row in rows if repr(row.text) in entry.text), default=0)
+            notices.append(replace(entry, file=file, line=line))
+        raise EstimateError(*notices) from error
     units = {entry.name: entry.unit for entry in ours.identified.values}
     names = [entry.name for entry in (*base.parameters, *base.friction)]
     groups = tuple(
@@ -601,9 +573,8 @@ def _compare(ours: EstimateSide, other: OtherSide, *, search: bool = False) -> C
         raise EstimateError(Notice(code="compare.nothing-common", text=text, file=str(other.source)))
     groups = tuple(other.groups[k] for k in kept)
     theirs = other.values.pick(kept)
-    change = dynamics.evaluate_regrouping(
-        [[group.row[k] for k in known] for group in groups], ours.identified.robot
-    )
+    rows = [[group.row[k] for k in known] for group in groups]
+    change = dynamics.evaluate_regrouping(rows, ours.identified.robot)
     absent = [name for k, name in enumerate(names) if not any(group.row[k] for group in other.groups)]
     comparison = compare_values(compute_grouped_values(change, ours.values), theirs)
     readings: list[tuple[dynamics.OpenReading, TriedReading]] = []
@@ -611,12 +582,13 @@ def _compare(ours: EstimateSide, other: OtherSide, *, search: bool = False) -> C
         # Terms that the groups do not name: of coupled drives, then any. Where a coupled drive explains a
         # group, no other terms are tried on it; of those, only one that explains a group as no other does
         # counts.
-        robot, rows = ours.identified.robot, [group.row for group in groups]
-        readings, changed = _try_all(ours, change, theirs, dynamics.list_coupled_readings(robot, base, rows))
+        whole = [group.row for group in groups]
+        coupled = dynamics.list_coupled_readings(ours.identified.robot, base, whole)
+        readings, changed = _try_all(ours, change, theirs, coupled)
         now = compare_values(compute_grouped_values(changed, ours.values), theirs)
         explained = {entry.group for entry, tried in readings if tried.decisive}
         far = [k for k in now.list_farthest(POLICY.printed * now.scale, None) if k not in explained]
-        kindred, _ = _try_all(ours, changed, theirs, dynamics.list_kindred_readings(base, rows, far))
+        kindred, _ = _try_all(ours, changed, theirs, dynamics.list_kindred_readings(base, whole, far))
         readings += [entry for entry in kindred if entry[1].decisive and not entry[1].rivals]
     return Compared(
         other=other,

@@ -19,19 +19,10 @@ from symid.codegen import build_library_prefix, build_model_card, clean_text, pr
 from symid.dynamics import StandardSet, build_grouping, derive_base_parameters
 from symid.environment import write_file
 from symid.errors import EstimateError, Notice, RobotError, UsageError
-from symid.identification import friction as frictions
+from symid.identification import friction as frictions, identified
 from symid.identification.elastic import build_rigid_variant
 from symid.identification.estimators import check_model
-from symid.identification.identified import (
-    Identified,
-    JointCost,
-    build_robot,
-    list_frame_differences,
-    list_turns,
-    list_warnings,
-    measure_costs,
-    move_link,
-)
+from symid.identification.identified import Identified, JointCost
 from symid.joint_models import FrictionValues, get_friction_law
 from symid.serialization import write_json
 
@@ -90,12 +81,9 @@ class FileExport:
 
 
 def check_format(path: Path, precision: str = "double", *, friction: bool = False) -> str:
-    """Return the end of the file's name, which says its format.
+    """Return the end of the file's name, which says its format; a UsageError where there is no such one.
 
     `precision` is that of the numbers in a C header; `friction` whether friction alone is written.
-
-    Raises:
-        UsageError: there is no such format, it has no precision, or friction alone does not go into it.
     """
     suffix = path.suffix.lower()
     if suffix not in KINDS:
@@ -122,13 +110,7 @@ def check_format(path: Path, precision: str = "double", *, friction: bool = Fals
 
 
 def write_stated(robot: robots.Robot, path: Path, *, precision: str = "double") -> FileExport:
-    """Write the values of the robot file itself.
-
-    Raises:
-        UsageError: see `check_format`.
-        RobotError: the robot file does not state them all, and the format needs them.
-        OutputError: the file cannot be written.
-    """
+    """Write the values of the robot file itself; a RobotError where the format needs more than it states."""
     suffix = check_format(path, precision)
     base = derive_base_parameters(robot)
     if suffix != ".toml":
@@ -160,24 +142,20 @@ def write_identified(
 ) -> FileExport:
     """Write the robot with identified values, from `source`.
 
-    `limit` is what the bodies may cost of each joint's torque, in percent; see `measure_costs`.
-
-    Raises:
-        UsageError: see `check_format`.
-        EstimateError: such a file cannot have these values, or the bodies cost too much.
-        OutputError: the file cannot be written.
+    `limit` is what the bodies may cost of each joint's torque, in percent, see `measure_costs`; an
+    EstimateError tells that they cost more, or that such a file cannot have the values.
     """
     check_format(path, precision)
     # In a format without rotors for simulators, links have the inertia of their rotors, if they can.
     rotorless, costs = _choose_kind(found.robot, path) == "URDF", tuple[JointCost, ...]()
-    identified = build_robot(found, grouped=not rotorless)
-    if identified.standard.reason:
+    built = identified.build_robot(found, grouped=not rotorless)
+    if built.standard.reason:
         library = prepare_library(found.robot)
-        costs = measure_costs(identified.standard, found, library, limit)
+        costs = identified.measure_costs(built.standard, found, library, limit)
         if rotorless and (not costs or any(entry.percent > entry.limit for entry in costs)):
-            identified = build_robot(found)
-            exact = not identified.standard.reason
-            costs = () if exact else measure_costs(identified.standard, found, library, limit)
+            built = identified.build_robot(found)
+            exact = not built.standard.reason
+            costs = () if exact else identified.measure_costs(built.standard, found, library, limit)
     over = ", ".join(
         f"{entry.percent:.2g} % of the torque of {entry.joint!r} (limit {entry.limit:.2g} %)"
         for entry in costs
@@ -186,25 +164,21 @@ def write_identified(
     if over:
         text = (
             f"no physical bodies have the identified values, and the nearest differ by {over}: "
-            f"{identified.standard.reason}. Identify with consistent bodies (--estimator consistent) or from "
+            f"{built.standard.reason}. Identify with consistent bodies (--estimator consistent) or from "
             "logs with more excitation, or allow it by --limit PERCENT (limit=...)"
         )
         raise EstimateError(Notice(code="export.cost", text=text, file=str(source)))
     sources = tuple(Path(entry).name for entry in found.sources)
-    before = f"; before: {identified.robot.source}" if identified.robot.source else ""
-    robot = replace(identified.robot, source=f"Values identified from {', '.join(sources)}{before}")
-    outcome, notices = identified.standard.outcome.name.lower(), list_warnings(identified, found, source)
+    before = f"; before: {built.robot.source}" if built.robot.source else ""
+    robot = replace(built.robot, source=f"Values identified from {', '.join(sources)}{before}")
+    outcome, notices = built.standard.outcome.name.lower(), identified.list_warnings(built, found, source)
     named = replace(found, robot=robot, sources=sources)
     stored = _write_file(named, path, outcome, precision, notices, source)
-    return replace(stored, missing=found.missing, standard=identified.standard, costs=costs)
+    return replace(stored, missing=found.missing, standard=built.standard, costs=costs)
 
 
 def locate_source(robot: robots.Robot) -> Path:
-    """Return the URDF or MJCF that a robot was made from.
-
-    Raises:
-        UsageError: it was made from none.
-    """
+    """Return the URDF or MJCF that a robot was made from; a UsageError where there is none."""
     if robot.made_from is not None:
         return Path(robot.made_from.file)
     text = (
@@ -224,15 +198,13 @@ def _read_back(
     }
     try:
         if made is not None:
-            return robots.parse_xml_robot(
-                text, made.file, base=made.base, tip=made.tip, snap=made.snap
-            ).notices
+            place = made.file
+            return robots.parse_xml_robot(text, place, base=made.base, tip=made.tip, snap=made.snap).notices
         return readers[suffix](text).notices if suffix in readers else ()
     except RobotError as error:
         reasons = "; ".join(notice.text for notice in error.notices)
-        text = (
-            f"a {KINDS[suffix]} cannot have these values: {reasons}; identify from logs with more excitation"
-        )
+        text = f"a {KINDS[suffix]} cannot have these values: {reasons}"
+        text = f"{text}; identify from logs with more excitation"
         raise EstimateError(Notice(code="export.impossible", text=text, file=str(source))) from error
 
 
@@ -272,11 +244,8 @@ def _write_file(  # noqa: PLR0917 - what is written, where and how
             if in_place:
                 raise
             reason = "; ".join(map(str, error.notices))
-            said = (
-                f"a new {kind} was written, since the one that the robot was made from was not usable: "
-                f"{reason}"
-            )
-            told.append(Notice(code="export.new-file", text=said, file=str(path)))
+            said = f"a new {kind} was written, since the one that the robot was made from was not usable"
+            told.append(Notice(code="export.new-file", text=f"{said}: {reason}", file=str(path)))
         else:
             text, told = new.text, [*told, *further]
             for link, carried in new.shared.items():
@@ -316,18 +285,14 @@ def _write_file(  # noqa: PLR0917 - what is written, where and how
 def place_in_source(
     robot: robots.Robot, made: robots.SourceFile, *, in_place: bool
 ) -> tuple[str, robots.Robot, list[Notice]]:
-    """Return the text of the URDF or MJCF `made`, and its robot with the values of `robot`, made from it.
-
-    Raises:
-        RobotError: the file cannot be read, its joints are others, or it is xacro and to be written in place.
-    """
+    """Return the text of the URDF or MJCF `made`, and its robot with the values of `robot`, made from it."""
     file = Path(made.file)
     source = robots.read_urdf_text(file, keep_ends=True)
     before = robots.parse_xml_robot(source.text, source.file, base=made.base, tip=made.tip, snap=made.snap)
     if in_place and source.file != made.file:
         told = "this is a xacro file, a program that writes a URDF; give a name that ends in .urdf (-o FILE)"
         raise RobotError(Notice(code="export.xacro", text=told, file=made.file))
-    mistakes = list_frame_differences(robot, before)
+    mistakes = identified.list_frame_differences(robot, before)
     if mistakes:
         told = f"its joints are others than when {robot.name!r} was made from it: {'; '.join(mistakes)}"
         raise RobotError(Notice(code="export.source-changed", text=told, file=made.file))
@@ -338,11 +303,11 @@ def place_in_source(
             "its joints are the same"
         )
         notices.append(Notice(code="export.source-edited", text=told, file=made.file))
-    trios = zip(robot.joints, before.joints, list_turns(robot, before), strict=True)
+    trios = zip(robot.joints, before.joints, identified.list_turns(robot, before), strict=True)
     joints = tuple(
         replace(
             old,
-            inertial=new.inertial if np.array_equal(turn, np.eye(4)) else move_link(new, turn),
+            inertial=new.inertial if np.array_equal(turn, np.eye(4)) else identified.move_link(new, turn),
             friction=new.friction,
             drive=new.drive,
             spring=new.spring,
@@ -362,14 +327,12 @@ def _write_new(found: Identified, suffix: str, folder: Path, outcome: str, preci
         case ".toml":
             return robots.write_robot(robot, comment=comment, folder=folder)
         case ".h":
-            return robots.write_c_values(
-                _build_values(found), comments=(clean_text(comment),), precision=precision
-            )
+            comments, values = (clean_text(comment),), _build_values(found)
+            return robots.write_c_values(values, comments=comments, precision=precision)
         case ".json":
-            values = robots.build_json_values(
-                robot, _build_values(found), outcome=outcome, sources=found.sources
-            )
-            return write_json(values) + "\n"
+            values, sources = _build_values(found), found.sources
+            data = robots.build_json_values(robot, values, outcome=outcome, sources=sources)
+            return write_json(data) + "\n"
     write = {".urdf": robots.write_urdf, ".usda": robots.write_usd}.get(suffix, robots.write_mjcf)
     return write(robot, comments=(comment,))
 
@@ -412,14 +375,9 @@ def _build_values(found: Identified) -> robots.RobotValues:
 def write_friction(
     robot: robots.Robot, found: frictions.FrictionIdentification, source: Path, path: Path
 ) -> FileExport:
-    """Write the robot file with the friction that was identified.
+    """Write the robot file with the friction that was identified, or EstimateError where it is of another.
 
     Friction that robot files have no model for stays as it is, with a notice.
-
-    Raises:
-        UsageError: the name of the file does not end in .toml.
-        EstimateError: the friction is of another model, or robot files cannot have it.
-        OutputError: the file cannot be written.
     """
     check_format(path, friction=True)
     variant = frictions.set_identified_friction(build_rigid_variant(robot), found)
@@ -434,13 +392,8 @@ def write_friction(
         else:
             written[entry.joint] = friction
     kept = {joint.name: reasons[joint.name] for joint in robot.axes if joint.name in reasons}
-    changed = replace(
-        robot,
-        joints=tuple(
-            replace(joint, friction=written.get(joint.name, joint.friction)) for joint in robot.joints
-        ),
-        source=f"Friction identified from {logs}{before}",
-    )
+    joints = (replace(joint, friction=written.get(joint.name, joint.friction)) for joint in robot.joints)
+    changed = replace(robot, joints=tuple(joints), source=f"Friction identified from {logs}{before}")
     comment = f"{robot.name} with friction identified from {logs}."
     text = robots.write_robot(changed, comment=comment, folder=path.parent)
     notices = [replace(notice, file=str(path)) for notice in _read_back(text, ".toml", source)]

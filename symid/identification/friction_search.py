@@ -28,19 +28,10 @@ from symid import joint_models
 from symid.arrays import FloatArray
 from symid.codegen import Library, ParameterCard, compute_model_signature
 from symid.errors import Notice, UsageError
-from symid.identification import rigid
+from symid.identification import regression, rigid
 from symid.identification.estimators import Estimate, FittedLaw
 from symid.identification.friction import AUTO
 from symid.identification.judge import POLICY, adjust_chances, compare, numerics
-from symid.identification.regression import (
-    CondensedLogs,
-    condensing,
-    fill_load,
-    fill_loads,
-    list_coupled_rotors,
-    list_measured_joints,
-    measure_scoring_band,
-)
 from symid.logs import Recording
 from symid.notation import join_name
 from symid.robot import Processing, Robot, suggest_names
@@ -64,15 +55,10 @@ def read_joint_laws(
     robot: Robot,
     further: Sequence[str] = (AUTO, joint_models.NO_FRICTION),
 ) -> str | dict[str, str] | None:
-    """Return a law for all joints, or those of single joints by name.
+    """Return a law for all joints, or those of single joints by name; a UsageError names all mistakes.
 
-    Args:
-        friction: a law, joints with their laws, or a text such as "elbow=stribeck,wrist=auto".
-        robot: whose joints are named.
-        further: words that are allowed beside laws.
-
-    Raises:
-        UsageError: no such joint or law; all mistakes at once.
+    `friction` is a law, joints with their laws, or a text such as "elbow=stribeck,wrist=auto"; `further` are
+    words that are allowed beside laws.
     """
     if friction is None or (isinstance(friction, str) and "=" not in friction):
         return friction
@@ -90,21 +76,19 @@ def read_joint_laws(
             mistakes.append(f"friction of joint {joint!r}: no such joint{hint or '.'}")
         elif joint in found:
             mistakes.append(f"friction of joint {joint!r} is given twice; give it once.")
-        if not isinstance(law, str) or (
-            law not in further and (reason := joint_models.describe_unknown_law(law))
-        ):
+        hint = f"expected the name of a law, got {law!r}"
+        if isinstance(law, str):
+            hint = "" if law in further else joint_models.describe_unknown_law(law)
+        if hint:
             wrong["law"] = True
-            hint = reason if isinstance(law, str) else f"expected the name of a law, got {law!r}"
             if not hint.endswith("?"):
                 hint += suggest_names(str(law), further, before="; ") or "."
             mistakes.append(f"friction of joint {joint!r}: {hint}")
         elif joint in joints and law not in further and joint_models.get_law(law).memory:
             # A law with a state is that of the robot file, or none.
-            if joint_models.get_law(law).name != joints[joint].friction.law:
-                values = ", ".join(
-                    entry.name
-                    for entry in (*joint_models.get_law(law).shape, *joint_models.get_law(law).memory)
-                )
+            known = joint_models.get_law(law)
+            if known.name != joints[joint].friction.law:
+                values = ", ".join(entry.name for entry in (*known.shape, *known.memory))
                 text = f"{law!r} needs {values}, which no option gives; write it into the robot file."
                 mistakes.append(f"friction of joint {joint!r}: {text}")
             continue
@@ -118,11 +102,7 @@ def read_joint_laws(
 
 
 def needs_search(friction: str | Mapping[str, str] | None) -> bool:
-    """Return whether the friction asked for leaves a law, or shape values, to be found.
-
-    Raises:
-        UsageError: there is no such law.
-    """
+    """Return whether the friction asked for leaves a law, or shape values, to be found."""
     if isinstance(friction, Mapping):
         return bool(friction)
     if friction is None or friction == joint_models.NO_FRICTION:
@@ -145,9 +125,8 @@ def describe_states(robot: Robot, friction: str | Mapping[str, str] | None) -> t
     kept, replaced, notices = list[str](), list[str](), list[Notice]()
     for name, law in _list_states(robot).items():
         wanted = friction.get(name) if isinstance(friction, Mapping) else friction
-        if wanted in {AUTO, joint_models.NO_FRICTION} or (
-            wanted is not None and not joint_models.get_law(wanted).memory
-        ):
+        static = wanted in {AUTO, joint_models.NO_FRICTION}
+        if static or (wanted is not None and not joint_models.get_law(wanted).memory):
             replaced.append(f"{name}: {law.name}")
         else:
             kept.append(f"{name}: {law.name} with its {', '.join(e.name for e in (*law.shape, *law.memory))}")
@@ -187,16 +166,8 @@ def search_friction(
 ) -> tuple[Estimate, Robot, Library]:
     """Return the estimate, the robot with its laws, and the robot's functions.
 
-    Args:
-        robot: whose joints have a friction law to be found; its couplings keep theirs.
-        recordings: at least one, all of this robot.
-        friction: a law for all joints or "auto", or those of single joints by name.
-        prepare: returns the compiled functions of a robot.
-        progress: takes a short text.
-        options: of the fit.
-
-    Raises:
-        UsageError, LogError, IdentifiabilityError: as for `identify_parameters`.
+    `friction` is a law for all joints or "auto", or those of single joints by name; couplings keep theirs.
+    `prepare` returns the compiled functions of a robot; errors are those of `identify_parameters`.
     """
     axes = {joint.name: joint for joint in robot.axes}
     names = friction if isinstance(friction, Mapping) else dict.fromkeys(axes, friction)
@@ -208,19 +179,18 @@ def search_friction(
         if names.get(name) == joint_models.NO_FRICTION:
             wishes[place] = joint_models.FrictionValues()
         elif name in names:
-            wishes[place] = (
-                rigid.CANDIDATES if names[name] == AUTO else (joint_models.get_law(names[name]).name,)
-            )
+            law = names[name]
+            wishes[place] = rigid.CANDIDATES if law == AUTO else (joint_models.get_law(law).name,)
     choice = rigid.choose_laws(
         prepare(plain),
         recordings,
         robot.processing,
         gears=[joint.drive.gear for joint in robot.axes],
         wishes=wishes,
-        rotors=list_coupled_rotors(robot),
+        rotors=regression.list_coupled_rotors(robot),
     )
     found = _set_friction(robot, {law.joint: law.friction for law in choice.joints})
-    known = all(list_measured_joints(recordings))
+    known = all(regression.list_measured_joints(recordings))
 
     def fit(found: Robot) -> _Result:
         """Return the fit of a robot with the laws found, repeated until shape values and loads stay."""
@@ -245,7 +215,7 @@ def search_friction(
                 )
             )
             library = Library(replace(library.card, searched=searched), library.engine)
-            loaded = fill_loads(library, recordings, robot.processing, beta)
+            loaded = regression.fill_loads(library, recordings, robot.processing, beta)
             if plan is None:
                 rows, estimator = options.get("rows", "torque"), options.get("estimator")
                 plan = rigid.plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
@@ -297,9 +267,10 @@ def _agree(values: FloatArray, before: FloatArray) -> bool:
 
 def _measure_losses(library: Library, recordings: Sequence[Recording], processing: Processing) -> FloatArray:
     """Return the losses (parts, n) of held-out torque of all rows, within the scoring band."""
-    band, cutoff = measure_scoring_band(recordings), processing.filter_cutoff or 0.4 / recordings[0].period
-    bands = [band * 2.0**k for k in range(-condensing.SCORING, 1)]
-    logs = CondensedLogs(library, recordings, processing, bands, cutoff)
+    band = regression.measure_scoring_band(recordings)
+    cutoff = processing.filter_cutoff or 0.4 / recordings[0].period
+    bands = [band * 2.0**k for k in range(-regression.condensing.SCORING, 1)]
+    logs = regression.CondensedLogs(library, recordings, processing, bands, cutoff)
     return logs.measure_losses(logs.fit(logs.scores[1], [0] * library.card.size))
 
 
@@ -314,9 +285,8 @@ def _list_chosen(robot: Robot, names: Mapping[str, str]) -> list[str]:
 
 def _make_plain(robot: Robot, joints: Collection[str]) -> Robot:
     """Return the robot with the plain law at these joints."""
-    law = joint_models.FrictionValues(
-        law=rigid.PLAIN, values=(0.0,) * len(joint_models.get_law(rigid.PLAIN).linear)
-    )
+    zeros = (0.0,) * len(joint_models.get_law(rigid.PLAIN).linear)
+    law = joint_models.FrictionValues(law=rigid.PLAIN, values=zeros)
     return _set_friction(robot, dict.fromkeys(joints, law))
 
 
@@ -340,9 +310,9 @@ def _give_up_worse(
         }
         if not worse:
             break
-        texts += [
+        texts += (
             f"{name}: {laws[name][1]} leaves {fall:.3g} times the squares" for name, fall in worse.items()
-        ]
+        )
         given_up += worse
         found = fit(_make_plain(found.robot, given_up))
     if not given_up:
@@ -360,10 +330,8 @@ def _give_up_worse(
 
 
 def _set_friction(robot: Robot, friction: Mapping[str, joint_models.FrictionValues]) -> Robot:
-    joints = tuple(
-        replace(joint, friction=friction.get(joint.name, joint.friction)) for joint in robot.joints
-    )
-    return replace(robot, joints=joints)
+    joints = (replace(joint, friction=friction.get(joint.name, joint.friction)) for joint in robot.joints)
+    return replace(robot, joints=tuple(joints))
 
 
 def _move_friction(robot: Robot, estimate: Estimate) -> Robot:
@@ -374,17 +342,17 @@ def _move_friction(robot: Robot, estimate: Estimate) -> Robot:
         friction = joint.friction
         if joint.mimic is None and friction.law != joint_models.NO_FRICTION and friction.values is not None:
             law = joint_models.get_law(friction.law)
-            values, shape = (
-                tuple(
-                    float(known.get(join_name(entry.name, number), old))
-                    for entry, old in zip(entries, olds, strict=True)
-                )
-                for entries, olds in ((law.linear, friction.values), (law.shape, friction.shape))
+            values = tuple(
+                float(known.get(join_name(entry.name, number), old))
+                for entry, old in zip(law.linear, friction.values, strict=True)
             )
             # A value that the rows do not hold must stay one that a law can have.
             shape = tuple(
-                min(max(new, 0.2 * old, entry.lower), entry.upper)
-                for new, old, entry in zip(shape, friction.shape, law.shape, strict=True)
+                min(
+                    max(float(known.get(join_name(entry.name, number), old)), 0.2 * old, entry.lower),
+                    entry.upper,
+                )
+                for entry, old in zip(law.shape, friction.shape, strict=True)
             )
             joint = replace(joint, friction=replace(friction, values=values, shape=shape))  # noqa: PLW2901
         joints.append(joint)
@@ -415,20 +383,18 @@ def _record_laws(  # noqa: PLR0917 - the parts of one search
     )
     # The values of the robot file's friction, where the law found is its own.
     truth: dict[str, float] = {}
-    for number, (joint, own) in enumerate(zip(robot.joints, stated.joints, strict=True), start=1):
-        if own.friction.law == joint.friction.law:
-            pairs = joint_models.name_values(own.friction) | joint_models.name_shape(own.friction)
+    for number, (joint, before) in enumerate(zip(robot.joints, stated.joints, strict=True), start=1):
+        if before.friction.law == joint.friction.law:
+            pairs = joint_models.name_values(before.friction) | joint_models.name_shape(before.friction)
             truth |= {join_name(name, number): value for name, value in pairs.items()}
-    card = library.card
+    card, own = library.card, {entry.name for entry in library.card.friction}
     parameters = tuple(
         replace(entry, truth=truth.get(entry.name)) if entry.name in own else entry
-        for own in [{one.name for one in card.friction}]
         for entry in estimate.parameters
     )
     grouped = [(entry.name, entry.expression) for entry in (*card.beta, *card.friction)]
-    return replace(
-        estimate, laws=laws, parameters=parameters, signature=compute_model_signature(robot, grouped)
-    )
+    signature = compute_model_signature(robot, grouped)
+    return replace(estimate, laws=laws, parameters=parameters, signature=signature)
 
 
 def identify_loaded(
@@ -441,16 +407,17 @@ def identify_loaded(
 
     The first fit has no load, so that what friction takes of it is left to the other parameters.
     """
-    measured = list_measured_joints(recordings)
+    measured = regression.list_measured_joints(recordings)
     if "load" not in library.card.friction_inputs or all(measured):
         return fit(recordings)
     names = [entry.name for entry in library.card.beta]
     without = [
-        replace(one, load=fill_load(one.load, np.zeros_like(one.position), measured)) for one in recordings
+        replace(one, load=regression.fill_load(one.load, np.zeros_like(one.position), measured))
+        for one in recordings
     ]
     beta = fit(without).assemble(names)
     for _ in range(numerics.ROUNDS):
-        estimate = fit(fill_loads(library, recordings, processing, beta))
+        estimate = fit(regression.fill_loads(library, recordings, processing, beta))
         new = estimate.assemble(names)
         still, beta = _agree(new, beta), new
         if still:
@@ -460,13 +427,10 @@ def identify_loaded(
 
 def refuse_search(friction: str | Mapping[str, str], why: str) -> UsageError:
     """Return the error that laws cannot be searched here."""
-    text = (
-        f"the friction law {friction!r} leaves values to be found, which {why}; "
-        "name a law without shape values"
-    )
+    text = f"the friction law {friction!r} leaves values to be found, which {why}"
+    text = f"{text}; name a law without shape values"
     if isinstance(friction, Mapping):
-        text = (
-            f"friction of single joints ({', '.join(f'{key}={law}' for key, law in friction.items())}) is "
-            f"found from the logs, which {why}; write these laws into the robot file"
-        )
+        listed = ", ".join(f"{key}={law}" for key, law in friction.items())
+        text = f"friction of single joints ({listed}) is found from the logs, which {why}"
+        text = f"{text}; write these laws into the robot file"
     return UsageError(Notice(code="usage.friction-search", text=text))

@@ -66,12 +66,9 @@ class JointCost:
 
 
 def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source: Path) -> Identified:
-    """Return the values of an estimate, rigid or elastic, of a robot as its file states it.
+    """Return the values of an estimate, rigid or elastic, of a robot as its file states it, or EstimateError.
 
     Friction and settings of the estimate are restored; `source` is where it is from, for messages.
-
-    Raises:
-        EstimateError: it is of another model.
     """
     described = restore_robot(robot, estimate)
     if isinstance(estimate, ElasticEstimate):
@@ -100,6 +97,7 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
         text = f"the robot has no place for what was taken off before the fit: {named}; its torques lack them"
         lost += [("export.effects", text)] if named else []
         places = [k for k, entry in enumerate(estimate.parameters) if entry in values]
+        table = estimate.covariance
         return Identified(
             robot=described,
             base=base,
@@ -113,9 +111,7 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
                 *(f"the spring of {joint!r}" for joint in lacking),
             ),
             notices=tuple(Notice(code=code, text=text, file=str(source)) for code, text in lost),
-            covariance=tuple(
-                tuple(estimate.covariance[i][j] for j in places) for i in places if estimate.covariance
-            ),
+            covariance=tuple(tuple(table[i][j] for j in places) for i in places if table),
         )
     found = build_rigid_estimate(estimate, described)
     robot = build_rigid_variant(described)
@@ -193,17 +189,12 @@ def measure_costs(
         (more,) = library.evaluate("friction_regressor", *inputs)
         columns = np.concatenate([columns, more], axis=2)
     change, torque = np.sqrt(np.mean((columns @ values[: columns.shape[2]]) ** 2, axis=0)).T
-    return tuple(
-        JointCost(
-            joint=joint.name,
-            percent=100.0 * off / whole if whole else 0.0,
-            limit=max(least, math.sqrt(POLICY.relevance) * found.held_out.get(joint.name, 0.0))
-            if limit is None
-            else limit,
-            torque=whole,
-        )
-        for joint, off, whole in zip(card.joints, change.tolist(), torque.tolist(), strict=True)
-    )
+    costs = []
+    for joint, off, whole in zip(card.joints, change.tolist(), torque.tolist(), strict=True):
+        harmless = max(least, math.sqrt(POLICY.relevance) * found.held_out.get(joint.name, 0.0))
+        percent, most = 100.0 * off / whole if whole else 0.0, harmless if limit is None else limit
+        costs.append(JointCost(joint=joint.name, percent=percent, limit=most, torque=whole))
+    return tuple(costs)
 
 
 def list_warnings(
@@ -236,23 +227,18 @@ def name_known_dynamics(
 ) -> dict[str, float]:
     """Return dynamic parameters of elastic joints by name: of links, and of rotors where they are stated.
 
-    Args:
-        given: a fit or its file, a robot with values or its file, or parameters by name in SI units.
-        robot: that is identified.
-        library: its functions.
-
-    Raises:
-        EstimateError: it cannot be read, is of another model, or lacks values.
+    `given` is a fit or its file, a robot with values or its file, or parameters by name in SI units; an
+    EstimateError tells that it is of another model than `robot` with its `library`, or lacks values.
     """
     if isinstance(given, Mapping):
         return dict(given)
     known = take_given(given)
-    gives = library.card.yielding
+    pairs = zip(library.card.joints, library.card.yielding, strict=True)
+    numbers = [joint.number for joint, gives in pairs if gives]
     if isinstance(known, Path) and known.suffix.lower() in _ROBOT_FILES:
         known = dynamics.choose_reading(partial(load_robot, str(known)))
     if isinstance(known, Robot):
         # Rotors of rigid joints are parts of the base parameters.
-        numbers = [joint.number for joint, own in zip(library.card.joints, gives, strict=True) if own]
         stated = {number: known.joints[number - 1].drive.rotor_inertia for number in numbers if known.joints}
         values = _compute_known_values(known, robot, partly=True)
         return values | {f"IA{number}": value for number, value in stated.items() if value is not None}
@@ -262,14 +248,10 @@ def name_known_dynamics(
         text = "known dynamics of elastic joints: expected a fit of elastic joints, or a robot with values"
         raise EstimateError(Notice(code="estimate.kind", text=text, file=file))
     check_model(found, library.card, file)
-    wanted = {entry.name for entry in library.card.beta}
-    wanted |= {f"IA{joint.number}" for joint, own in zip(library.card.joints, gives, strict=True) if own}
+    wanted = {entry.name for entry in library.card.beta} | {f"IA{number}" for number in numbers}
     wanted -= {name for name, _ in found.refused}
-    return {
-        entry.name: entry.value
-        for entry in found.parameters
-        if entry.name in wanted and np.isfinite(entry.std)
-    }
+    known_well = (entry for entry in found.parameters if np.isfinite(entry.std))
+    return {entry.name: entry.value for entry in known_well if entry.name in wanted}
 
 
 def read_known_values(
@@ -295,16 +277,14 @@ def _compute_known_values(known: Robot, robot: Robot, *, partly: bool = False) -
         for other, joint in zip(known.joints, robot.joints, strict=True):
             head = f"joint {joint.name!r}"
             if not partly and other.drive.has_rotor != joint.drive.has_rotor:
-                which = ("the file", "the robot") if other.drive.has_rotor else ("the robot", "the file")
-                mistakes.append(
-                    f"{head} has a rotor in {which[0]} and none in {which[1]}; declare it in both"
-                )
+                has, lacks = ("the file", "the robot") if other.drive.has_rotor else ("the robot", "the file")
+                mistakes.append(f"{head} has a rotor in {has} and none in {lacks}; declare it in both")
             if (other.spring is None) != (joint.spring is None):
                 mistakes.append(f"{head} has a spring in only one of the two")
-        coupled = [
+        theirs, ours = (
             [(one.name, one.terms, one.has_rotor) for one in entry.couplings] for entry in (known, robot)
-        ]
-        mistakes += ["its coupled drives are others"] * (coupled[0] != coupled[1])
+        )
+        mistakes += ["its coupled drives are others"] * (theirs != ours)
     remedy = "give a file with the joints of the robot that is identified, or an estimate of it"
     if not mistakes:
         trios = zip(robot.joints, known.joints, list_turns(known, robot), strict=True)
@@ -355,10 +335,8 @@ def list_turns(known: Robot, robot: Robot) -> list[FloatArray]:
     turns: list[FloatArray] = []
     for other, joint in zip(known.joints, robot.joints, strict=True):
         before = turns[joint.parent] if joint.parent >= 0 else np.eye(4)
-        turn = np.linalg.solve(
-            build_frame(other.placement, known), before @ build_frame(joint.placement, robot)
-        )
-        turns.append(np.asarray(turn, dtype=np.float64))
+        stands = before @ build_frame(joint.placement, robot)
+        turns.append(np.asarray(np.linalg.solve(build_frame(other.placement, known), stands)))
     return turns
 
 

@@ -31,6 +31,9 @@ from symid.identification.stored import read_rigid
 from symid.robot import Robot, describe_settings
 
 Fit_co = TypeVar("Fit_co", bound=FitRecord, covariant=True)
+Recordings = Sequence[log_files.Recording]
+Pairs = Sequence[tuple[str, str]]
+"""Settings of a call: keys and values."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,23 +62,12 @@ class Identification(Generic[Fit_co]):
 
 
 def identify_robot(
-    robot: Robot,
-    recordings: Sequence[log_files.Recording],
-    options: IdentifyOptions,
-    context: TaskContext,
-    pairs: Sequence[tuple[str, str]] = (),
+    robot: Robot, recordings: Recordings, options: IdentifyOptions, context: TaskContext, pairs: Pairs = ()
 ) -> Identification[Estimate | elastics.ElasticEstimate]:
     """Return the parameters of a robot, with the settings of the call, that explain its recordings best.
 
     `pairs` are these settings, keys and values, which the robot has already; `options.friction` is a law that
-    is to be found, None where the robot has its laws.
-
-    Raises:
-        UsageError: options that do not go together, or not with this robot and these logs.
-        LogError: a recording does not fit the robot, or the method cannot take a known payload.
-        EstimateError: a prior or a start is of another model.
-        IdentifiabilityError: no parameter is identifiable.
-        SolverError: a search ended without a usable result.
+    is to be found, None where the robot has its laws. Errors are those of `RobotModel.identify`.
     """
     estimator = options.estimator
     if any(robot.elastic):
@@ -102,7 +94,7 @@ def identify_robot(
     return _identify_rigid(robot, recordings, options, context, motor_side=motor_side)
 
 
-def _list_log_notices(robot: Robot, recordings: Sequence[log_files.Recording]) -> tuple[Notice, ...]:
+def _list_log_notices(robot: Robot, recordings: Recordings) -> tuple[Notice, ...]:
     """Return the notices on the robot file and on the logs."""
     found: tuple[Notice, ...] = robot.notices
     for recording in recordings:
@@ -111,12 +103,7 @@ def _list_log_notices(robot: Robot, recordings: Sequence[log_files.Recording]) -
 
 
 def _identify_rigid(
-    robot: Robot,
-    recordings: Sequence[log_files.Recording],
-    options: IdentifyOptions,
-    context: TaskContext,
-    *,
-    motor_side: bool,
+    robot: Robot, recordings: Recordings, options: IdentifyOptions, context: TaskContext, *, motor_side: bool
 ) -> Identification[Estimate]:
     rows, estimator, overlap = options.rows or "torque", options.estimator, options.overlap or 0.0
     friction = options.friction
@@ -159,7 +146,7 @@ def _identify_rigid(
         if options.prior not in (None, rigids.PRIOR_OF_ROBOT):
             prior = read_rigid(options.prior, library.card)
 
-        def fit(logs: Sequence[log_files.Recording]) -> Estimate:
+        def fit(logs: Recordings) -> Estimate:
             echo = log_files.describe_logs(rigid, logs)
             if estimator in rigids.SIMULATING:
                 return rigids.identify_closed_loop(
@@ -195,9 +182,8 @@ def _identify_rigid(
     estimate = replace(estimate, motion=motion, drawn=robot.made_from is not None)
     if motor_side:
         estimate = elastics.refuse_elasticity(estimate, robot, both=both)
-        warnings += tuple(
-            note for entry in recordings for note in entry.notices if note.code == "log.motor-position"
-        )
+        notes = (note for entry in recordings for note in entry.notices)
+        warnings += tuple(note for note in notes if note.code == "log.motor-position")
     elif any(log_files.get_second_encoder_side(recording) for recording in recordings):
         text = (
             "the second encoder of the log is not used: a rigid model takes the position of [log.position]; "
@@ -209,11 +195,7 @@ def _identify_rigid(
 
 
 def prepare_elastic_methods(
-    robot: Robot,
-    recordings: Sequence[log_files.Recording],
-    options: IdentifyOptions,
-    context: TaskContext,
-    pairs: Sequence[tuple[str, str]] = (),
+    robot: Robot, recordings: Recordings, options: IdentifyOptions, context: TaskContext, pairs: Pairs = ()
 ) -> Callable[[str], Identification[elastics.ElasticEstimate]]:
     """Return what identifies by a method of a name; logs are aligned and equations built once for all.
 
@@ -250,8 +232,8 @@ class _ElasticInput(NamedTuple):
 
     library: Library
     options: elastics.ElasticOptions
-    cut: Sequence[log_files.Recording]
-    moved: Sequence[log_files.Recording]
+    cut: Recordings
+    moved: Recordings
     alignment: log_files.Alignment | None
     notices: tuple[Notice, ...]
 
@@ -261,13 +243,8 @@ class _ElasticInput(NamedTuple):
 
 
 def _prepare_elastic(
-    robot: Robot,
-    recordings: Sequence[log_files.Recording],
-    options: elastics.ElasticOptions,
-    pairs: Sequence[tuple[str, str]],
-    context: TaskContext,
+    robot: Robot, recordings: Recordings, options: elastics.ElasticOptions, pairs: Pairs, context: TaskContext
 ) -> _ElasticInput:
-
     elastics.check_settings(pairs, "elastic")
     cut = elastics.cut_logs(recordings, robot.processing)
     cutoff = elastics.get_stated_cutoff(robot, pairs)
@@ -286,17 +263,9 @@ def _prepare_elastic(
 
 
 def build_elastic_graph(
-    robot: Robot,
-    recordings: Sequence[log_files.Recording],
-    options: IdentifyOptions,
-    pairs: Sequence[tuple[str, str]],
-    context: TaskContext,
+    robot: Robot, recordings: Recordings, options: IdentifyOptions, pairs: Pairs, context: TaskContext
 ) -> "tuple[elastics.nlp.NlpGraph, tuple[Notice, ...]]":
-    """Return the one-shot problem of elastic joints as expressions, with notices.
-
-    `pairs` are the settings of the call, keys and values, which the robot has already. Errors are those of
-    `identify_robot`.
-    """
+    """Return the one-shot problem of elastic joints as expressions, with notices; see `identify_robot`."""
     log_files.refuse_known_payloads(recordings, "a robot with elastic joints")
     elastics.choose_route(robot, recordings, method="nlp", elastic={}, rigid=options.list_given())
     elastic = replace(options.build_elastic(), method="nlp")
@@ -306,18 +275,11 @@ def build_elastic_graph(
 
 
 def identify_stiffness(
-    robot: Robot,
-    recordings: Sequence[log_files.Recording],
-    pairs: Sequence[tuple[str, str]],
-    context: TaskContext,
+    robot: Robot, recordings: Recordings, pairs: Pairs, context: TaskContext
 ) -> "tuple[elastics.StiffnessEstimate, tuple[Notice, ...]]":
     """Return the delay between the encoders, their offsets and the stiffness of every joint, with notices.
 
-    `pairs` are the settings of the call, keys and values, which the robot has already.
-
-    Raises:
-        UsageError: a setting does not apply to a stiffness.
-        LogError: a recording lacks an encoder, or is too short.
+    `pairs` and errors are those of `RobotModel.identify_stiffness`, whose robot has these settings already.
     """
     if any(robot.elastic):
         log_files.refuse_known_payloads(recordings, "a robot with elastic joints")
@@ -332,16 +294,11 @@ def identify_stiffness(
 
 
 def identify_robot_friction(
-    robot: Robot, recordings: Sequence[log_files.Recording], options: LawOptions, context: TaskContext
+    robot: Robot, recordings: Recordings, options: LawOptions, context: TaskContext
 ) -> Identification[frictions.FrictionIdentification]:
     """Return the friction of every joint that the recordings move, of a robot with the settings of the call.
 
-    Raises:
-        UsageError: no such law or estimator; a smoothing that the law does not use.
-        LogError: a recording does not fit the robot, carries a known payload, or has another period.
-        EstimateError: the known parameters are of another model, or their robot lacks values.
-        IdentifiabilityError: no joint's friction is identifiable.
-        SolverError: a search ended without usable numbers.
+    Errors are those of `RobotModel.identify_friction`.
     """
     model = friction_search.read_joint_laws(options.model, robot, (frictions.AUTO,)) or frictions.AUTO
     if not all(regression.list_measured_joints(recordings)) or options.known is not None:
@@ -370,8 +327,7 @@ def identify_robot_friction(
     )
     names = [entry.name for entry in library.card.beta]
     echo = {
-        "log": describe_settings(robot)["log"],
-        **log_files.describe_runs(measured),
+        **log_files.describe_logs(robot, measured),
         "known": known,
         "known_values": None if beta is None else dict(zip(names, beta.tolist(), strict=True)),
         "friction": [joint.friction for joint in library.card.joints],

@@ -24,14 +24,8 @@ from pathlib import Path
 import numpy as np
 import scipy
 
+from symid import dynamics
 from symid.arrays import FloatArray
-from symid.dynamics import (
-    PAYLOAD_QUANTITIES,
-    Payload,
-    build_base_values,
-    derive_base_parameters,
-    estimate_payload,
-)
 from symid.errors import EstimateError, IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import Estimate
 from symid.identification.friction_search import identify_loaded
@@ -52,21 +46,14 @@ class PayloadFinding:
     """The payload, the name of the robot that carries it, and the notices of both sides."""
 
     robot: str
-    payload: Payload
+    payload: dynamics.Payload
     notices: tuple[Notice, ...]
 
 
 def identify_payload(
     robot: Robot, loaded: GivenSide, empty: GivenSide, options: PayloadOptions, context: TaskContext
 ) -> PayloadFinding:
-    """Return what the robot carries in `loaded` and not in `empty`.
-
-    Raises:
-        UsageError: a file is given twice, or estimates among logs, or there is no such joint.
-        EstimateError: an estimate is of another model, or both sides are not of the same.
-        LogError: a log cannot be used.
-        IdentifiabilityError: no parameter is identifiable from the logs, or no payload is significant.
-    """
+    """Return what the robot carries in `loaded` and not in `empty`; errors as of `RobotModel.payload`."""
     check_distinct([Path(entry) for entry in (*loaded, *empty) if isinstance(entry, str | PathLike)])
     first = _read_side("with the payload", robot, loaded, options, context)
     second = _read_side("without it", robot, empty, options, context)
@@ -74,7 +61,7 @@ def identify_payload(
         text = "one side has elastic joints and the other rigid ones; identify both by the same method"
         raise EstimateError(Notice(code="payload.other-model", text=text))
     values = [
-        build_base_values(
+        dynamics.build_base_values(
             [entry.name for entry in side.values],
             [entry.value for entry in side.values],
             [entry.std for entry in side.values],
@@ -82,24 +69,24 @@ def identify_payload(
         )
         for side in (first, second)
     ]
-    found = estimate_payload(first.robot, first.base, *values, joint=options.joint, mass=options.mass)
+    found = dynamics.estimate_payload(
+        first.robot, first.base, *values, joint=options.joint, mass=options.mass
+    )
     return PayloadFinding(robot=first.robot.name, payload=found, notices=(*first.notices, *second.notices))
 
 
 def read_payload(path: Path) -> PayloadFinding:
-    """Return the payload stored at `path`.
-
-    Raises:
-        EstimateError: there is no such file, or it holds something else; it names all mistakes.
-    """
+    """Return the payload stored at `path`; errors as for `read_result_file`."""
     return read_result_file(PayloadFinding, "payload", path, _list_mistakes)
 
 
 def _list_mistakes(found: PayloadFinding) -> list[str]:
     names, shape = tuple(entry.name for entry in found.payload.quantities), found.payload.standard.shape
     wrong = [] if shape == (10,) else [f"standard: expected (10,) numbers, got {shape}"]
-    if names != PAYLOAD_QUANTITIES:
-        wrong.append(f"quantities: expected {', '.join(PAYLOAD_QUANTITIES)}, got {', '.join(names):.80}")
+    if names != dynamics.PAYLOAD_QUANTITIES:
+        wrong.append(
+            f"quantities: expected {', '.join(dynamics.PAYLOAD_QUANTITIES)}, got {', '.join(names):.80}"
+        )
     return wrong + [
         f"{entry.name:.20}: a value needs a deviation that is not negative"
         for entry in found.payload.quantities
@@ -144,7 +131,7 @@ def _read_side(
         estimate = identify_loaded(library, recordings, robot.processing, fit)
         side = Identified(
             robot=robot,
-            base=derive_base_parameters(robot),
+            base=dynamics.derive_base_parameters(robot),
             sources=estimate.sources,
             values=estimate.parameters,
             covariance=estimate.covariance,
@@ -215,14 +202,12 @@ class PayloadCommand:
 
 
 def build_payload_command(
-    robot: Robot | None, found: Payload, controller: str, frame: FlangeFrame = None
+    robot: Robot | None, found: dynamics.Payload, controller: str, frame: FlangeFrame = None
 ) -> PayloadCommand:
     """Return a payload as a controller takes it; `frame` is its flange, a link only where `robot` is known.
 
-    Raises:
-        UsageError: there is no such controller or link, or the link hangs on another joint.
-        IdentifiabilityError: mass or centre are not identified.
-        EstimateError: the controller refuses such an inertia.
+    An IdentifiabilityError tells that mass or centre are not identified, an EstimateError that the controller
+    refuses such an inertia.
     """
     if controller not in CONTROLLERS:
         text = f"unknown controller {controller!r}; known are {', '.join(CONTROLLERS)}"
@@ -304,10 +289,8 @@ def _locate_flange(robot: Robot | None, joint: str, frame: FlangeFrame) -> tuple
         except (TypeError, ValueError):
             numbers = []
         if len(numbers) != 6 or not np.all(np.isfinite(numbers)):
-            text = (
-                f"--frame {frame}: expected the name of a link, or six numbers x,y,z,roll,pitch,yaw (m, rad)"
-            )
-            raise UsageError(Notice(code="usage.payload-frame", text=text))
+            expected = "expected the name of a link, or six numbers x,y,z,roll,pitch,yaw (m, rad)"
+            raise UsageError(Notice(code="usage.payload-frame", text=f"--frame {frame}: {expected}"))
         # Rot(z, yaw) Rot(y, pitch) Rot(x, roll).
         rotation = scipy.spatial.transform.Rotation.from_euler("xyz", numbers[3:]).as_matrix()
         listed = ", ".join(f"{number:g}" for number in numbers)

@@ -25,7 +25,7 @@ from symid.serialization import list_unusable, read_record, write_json, write_pl
 
 Record = TypeVar("Record")
 StoredResult = Estimate | ElasticEstimate | FrictionIdentification
-_FORMAT, _ELEMENT = "symid fit", "symid element"
+_FORMAT = "symid fit"
 _OLDEST, _VERSION = 2, 5
 """The first version that is read, and the one that is written: 2 has no friction laws of its own, 3 no
 evidence and no deviations of springs, 4 no motion."""
@@ -48,12 +48,10 @@ class Fitted(Protocol):
     @property
     def product(self) -> object:
         """Return what was identified."""
-        ...
 
     @property
     def file(self) -> Path | None:
         """Return the file that it was read from."""
-        ...
 
 
 GivenResult = StoredResult | Fitted | str | PathLike[str]
@@ -63,15 +61,12 @@ GivenResult = StoredResult | Fitted | str | PathLike[str]
 def write_fit(
     record: FitRecord | HysteresisRecord, path: Path, *, verdict: Mapping[str, object] | None = None
 ) -> Path:
-    """Write the record, of a robot or of an element, to `path` as JSON and return the path.
+    """Write the record, of a robot or of an element, to `path` as JSON and return the path, or OutputError.
 
     `verdict` is written for readers of the file, which is left out when it is read: it follows from the rest.
-
-    Raises:
-        OutputError: the file cannot be written.
     """
     body: Any = write_plain(record)
-    head: dict[str, object] = {"format": _ELEMENT, "version": 1}
+    head: dict[str, object] = {"format": "symid element", "version": 1}
     if isinstance(record, FitRecord):
         head = {"format": _FORMAT, "version": _VERSION, "kind": record.kind}
     head |= {} if verdict is None else {"verdict": write_plain(verdict)}
@@ -80,27 +75,18 @@ def write_fit(
 
 
 def write_result(what: str, found: object, path: Path, described: Mapping[str, object]) -> Path:
-    """Write what was found, a "stiffness" or a "payload", to `path` as JSON and return the path.
+    """Write what was found, a "stiffness" or a "payload", to `path` as JSON and return it, or OutputError.
 
     `described` is written for readers of the file, beside the record that is read.
-
-    Raises:
-        OutputError: the file cannot be written.
     """
     data = {"format": f"symid {what}", "version": 1, **described, "record": found}
     return write_file(path, write_json(data) + "\n")
 
 
-def read_fit(path: Path, card: ModelCard | None = None) -> StoredResult:
-    """Return the record stored at `path`, of any kind.
+def read_fit(path: Path) -> StoredResult:
+    """Return the record of any kind that `write_fit`, or symid before it, stored at `path`.
 
-    Args:
-        path: a file that `write_fit` wrote, or symid before it.
-        card: the model that it must belong to, if given.
-
-    Raises:
-        EstimateError: there is no such file, it holds something else, or belongs to another model; it names
-            all mistakes.
+    An EstimateError names all mistakes: no such file, or something else in it.
     """
     data = _read_json(path)
     name = data.get("format") if isinstance(data, dict) else None
@@ -122,12 +108,8 @@ def read_fit(path: Path, card: ModelCard | None = None) -> StoredResult:
         entries = given if isinstance(given, list) else []
         names = [str(entry.get("name")) for entry in entries if isinstance(entry, dict)]
         body["friction"] = list(name_friction(names))
-    record = _build_record(
-        _KINDS[kind], path, body, lambda record: record.list_mistakes(), complete=version == _VERSION
-    )
-    if card is not None:
-        check_model(record, card, str(path))
-    return record
+    whole = version == _VERSION
+    return _build_record(_KINDS[kind], path, body, lambda record: record.list_mistakes(), complete=whole)
 
 
 def _build_record(
@@ -157,10 +139,8 @@ def read_result_file(
 ) -> Record:
     """Return the record of a file of one kind: a "stiffness", a "payload" or an "element".
 
-    `list_mistakes` says what is wrong with a record whose entries are right one by one.
-
-    Raises:
-        EstimateError: there is no such file, or it holds something else; it names all mistakes.
+    `list_mistakes` says what is wrong with a record whose entries are right one by one. An EstimateError
+    names all mistakes: no such file, or something else in it.
     """
     data = _read_json(path)
     if not isinstance(data, dict) or data.get("format") != f"symid {what}" or data.get("version") != 1:
@@ -204,12 +184,7 @@ def is_kind(path: Path, what: str = "fit") -> bool:
 
 
 def read_result(given: GivenResult) -> tuple[StoredResult, Path]:
-    """Return what was identified, of any kind, and where it is from.
-
-    Raises:
-        EstimateError: its file cannot be read.
-        TypeError: it is no fit.
-    """
+    """Return what was identified, of any kind, and where it is from; a TypeError where it is no fit."""
     if isinstance(given, str | PathLike):
         path = Path(given)
         return read_fit(path), path
@@ -223,15 +198,10 @@ def read_result(given: GivenResult) -> tuple[StoredResult, Path]:
 
 
 def read_dynamics(given: GivenResult) -> tuple[Estimate | ElasticEstimate, Path]:
-    """Return the estimate, rigid or elastic, and where it is from.
-
-    Raises:
-        EstimateError: its file cannot be read, or it is friction alone.
-    """
+    """Return the estimate, rigid or elastic, and where it is from; an EstimateError for friction alone."""
     found, source = read_result(given)
     if isinstance(found, FrictionIdentification):
-        text = "this is a fit of friction alone; identify base parameters with other rows"
-        raise _refuse(source, text)
+        raise _refuse(source, "this is a fit of friction alone; identify base parameters with other rows")
     return found, source
 
 
@@ -243,11 +213,7 @@ def take_given(given: object) -> Any:  # noqa: ANN401  what it holds
 
 
 def read_rigid(given: GivenResult, card: ModelCard) -> Estimate:
-    """Return an estimate of the rigid model of `card`, read where it is a file.
-
-    Raises:
-        EstimateError: it cannot be read, is of another kind, or of another model.
-    """
+    """Return an estimate of the rigid model of `card`, read where it is a file, or an EstimateError."""
     held = take_given(given)
     found = read_fit(held) if isinstance(held, Path) else held
     file = str(held) if isinstance(held, Path) else str(getattr(given, "file", None) or "")
@@ -274,13 +240,11 @@ def _refuse(path: Path, text: str, **place: int) -> EstimateError:
 def _read_json(path: Path) -> object:
     try:
         text = read_file(path, int(numerics.LARGEST)).decode()
-    except OSError as error:
-        raise _refuse(path, f"cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise _refuse(path, "not a text file, so not an estimate") from error
-    except ValueError as error:
-        # No file can have the name, which holds a null byte or no Unicode.
-        raise _refuse(path, f"cannot be read: {error}") from error
+    except (OSError, ValueError) as error:
+        # No file can have a name that holds a null byte or no Unicode.
+        raise _refuse(path, f"cannot be read: {getattr(error, 'strerror', error)}") from error
     try:
         return json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_build_table)
     except json.JSONDecodeError as error:

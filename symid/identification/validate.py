@@ -18,15 +18,13 @@ from symid.errors import LogError, Notice, UsageError
 from symid.excitation import Trajectory, build_trajectory
 from symid.identification import diagnostics, elastic, estimators, rigid as rigids
 from symid.identification.friction import FrictionIdentification, set_identified_friction, validate_friction
-from symid.identification.identify import TaskContext
+from symid.identification.identify import Pairs, TaskContext
 from symid.identification.judge import POLICY
 from symid.identification.regression import fill_loads, list_coupled_rotors
 from symid.identification.stored import StoredResult
 from symid.robot import Robot
 from symid.serialization import compute_file_digest
 from symid.simulation import build_noisy_options, check_stated_values
-
-Pairs = Sequence[tuple[str, str]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -150,27 +148,11 @@ def validate_fit(
     """Return what a fit of any kind explains of a log; nothing is fitted.
 
     A robot that was identified as rigid is validated as rigid. For elastic joints, delay and offsets of the
-    log's link encoders are removed first, as in an identification.
+    log's link encoders are removed first, as in an identification. Errors are those of `Fit.validate`.
 
-    Args:
-        robot: as read.
-        fit: of its dynamics, or of its friction.
-        log: a file, or what was read from one.
-        context: library and progress.
-        pairs: settings of the call, keys and values.
-        test: the part of the log that is predicted; empty for all of it.
-        band: Hz below which torques are compared at the full rate, None for the rows of the fit; of rigid
-            fits.
-        tracking: a motion to simulate, None for none; of elastic fits: the robot file must state the true
-            values then.
-        file: of the fit, for messages.
-
-    Raises:
-        UsageError: a setting does not apply; an estimate lacks springs, which a feed-forward needs.
-        EstimateError: a fit is of another model.
-        LogError: the log lacks an encoder, or does not fit the robot.
-        IdentifiabilityError: no joint moves in it, or none can be validated.
-        RobotError: the robot file lacks values to simulate with.
+    `pairs` are the settings of the call, `test` the part of the log that is predicted, empty for all of it.
+    For rigid fits, torques are compared at the full rate below `band` in Hz, None for the rows of the fit.
+    For elastic fits, a motion may be simulated; the robot file must state the true values then.
     """
     if isinstance(fit, elastic.ElasticEstimate):
         return _validate_elastic(
@@ -186,10 +168,8 @@ def validate_fit(
             own = robot.processing
             processing = {**processing, "drop_first": own.drop_first, "drop_last": own.drop_last}
             fit = replace(fit, settings={**fit.settings, "processing": processing})
-            text = (
-                "friction was fitted to mean periods; this log is not averaged, so its residual contains "
-                "noise"
-            )
+            text = "friction was fitted to mean periods; this log is not averaged"
+            text = f"{text}, so its residual contains noise"
             source = str(log.source if isinstance(log, log_files.Recording) else log)
             notices = (Notice(code="validate.not-folded", text=text, file=source),)
     described = rigids.restore_robot(robot, fit, pairs)
@@ -271,16 +251,12 @@ def _validate_elastic(
         cases = {f"Case {k}: {entry.method}": entry for k, (_, entry) in enumerate(tried, start=1)}
     (moved,), alignment, aligned = elastic.prepare_aligned(library, (recording,))
     context.progress(f"validating on {recording.source}")
-    trial = elastic.evaluate_elastic(
-        estimate, library, moved, cutoff=elastic.get_stated_cutoff(described, pairs)
-    )
-    warnings = []
+    cutoff = elastic.get_stated_cutoff(described, pairs)
+    trial, warnings = elastic.evaluate_elastic(estimate, library, moved, cutoff=cutoff), list[Notice]()
     if trial.fitted:
         overlap = log_files.measure_overlap(moved, estimate.sources, estimate.settings)
-        part = log_files.describe_overlap(overlap, moved)
-        warnings = [
-            diagnostics.build_warning("validate.fitted-log", file=trial.source, what="estimate", part=part)
-        ]
+        told = {"what": "estimate", "part": log_files.describe_overlap(overlap, moved)}
+        warnings.append(diagnostics.build_warning("validate.fitted-log", file=trial.source, **told))
     reached = {joint.joint: float(abs(joint.torsion).max()) for joint in trial.joints}
     beyond = [
         f"{entry.joint} {reached[entry.joint]:.3g} against {entry.torsion:.3g} {entry.position_unit}"
@@ -330,18 +306,12 @@ def build_tracking_task(
 
     `against` are further estimates to compare with, by where they come from.
     """
-    name = "tc" if seed is None else "fourier"
-    trajectory = build_trajectory(robot, name, np.random.default_rng(seed))
+    trajectory = build_trajectory(robot, "tc" if seed is None else "fourier", np.random.default_rng(seed))
     return TrackingTask(trajectory=trajectory, seed=seed, against=against)
 
 
 def diagnose_fit(robot: Robot, estimate: estimators.Estimate, context: TaskContext) -> rigids.Diagnosis:
-    """Return the diagnosis of a fit by its own logs, which are where they were when it was made.
-
-    Raises:
-        LogError: a log was made in memory, is not there any more, or does not fit the robot.
-        UsageError: its rows mix the joints.
-    """
+    """Return the diagnosis of a fit by its own logs, which are where they were when it was made."""
     digests = estimate.settings.get("log_digests")
     known = [*digests] if isinstance(digests, list | tuple) else []
     pairs = list(zip(estimate.sources, known, strict=False))

@@ -21,9 +21,6 @@ if TYPE_CHECKING:
     )
     from symid.logs.draft import Draft as Draft, draft_robot as draft_robot
     from symid.logs.faults import (
-        FaultKind as FaultKind,
-        Repair as Repair,
-        RepairedLog as RepairedLog,
         choose_times as choose_times,
         repair_recording as repair_recording,
     )
@@ -39,13 +36,14 @@ if TYPE_CHECKING:
         LogPart as LogPart,
         Recording as Recording,
         Signals as Signals,
+        States as States,
         cut_ends as cut_ends,
         cut_recording as cut_recording,
         has_states as has_states,
         join_units as join_units,
-        read_part as read_part,
         read_parts as read_parts,
         refuse_shared as refuse_shared,
+        spread_bad as spread_bad,
         take_parts as take_parts,
     )
     from symid.logs.runs import (
@@ -72,7 +70,6 @@ if TYPE_CHECKING:
         resample_log as resample_log,
     )
     from symid.logs.signals import (
-        choose_cutoff as choose_cutoff,
         choose_processing as choose_processing,
         compute_noise_bandwidth as compute_noise_bandwidth,
         decimate as decimate,

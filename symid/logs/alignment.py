@@ -53,11 +53,8 @@ def shift_channel(time: FloatArray, values: FloatArray, delay: float) -> FloatAr
     """Return `values` (N, n) at time + delay (s), by cubic splines; beyond the ends they stay."""
     if delay == 0.0:
         return values
-
-    moved: FloatArray = scipy.interpolate.CubicSpline(time, values, axis=0)(
-        np.clip(time + delay, time[0], time[-1])
-    )
-    return moved
+    spline = scipy.interpolate.CubicSpline(time, values, axis=0)
+    return np.asarray(spline(np.clip(time + delay, time[0], time[-1])))
 
 
 def split_blocks(samples: int, period: float, edge: float, block: float) -> tuple[slice, ...]:
@@ -120,8 +117,7 @@ class Alignment(FrozenArrays):
     @property
     def unknown(self) -> NDArray[np.bool_]:
         """Return which joints (n,) have a link encoder, but in some run an unidentifiable offset."""
-        result: NDArray[np.bool_] = self.present & np.isnan(self.offsets).any(axis=0)
-        return result
+        return np.asarray(self.present & np.isnan(self.offsets).any(axis=0))
 
     @property
     def late(self) -> bool:
@@ -130,15 +126,10 @@ class Alignment(FrozenArrays):
 
 
 def estimate_alignment(recordings: Sequence[Recording], columns: Sequence[FloatArray]) -> Alignment:
-    """Return delay and offsets of recordings of one robot, evenly sampled, at one rate.
+    """Return delay and offsets of recordings of one robot, evenly sampled, at one rate, or raise why not.
 
-    Args:
-        recordings: at least one.
-        columns: for each recording (N, n, k), regressors of the torsion of each joint: its torque, the plays
-            of it, the direction of motion; not multiples of its velocity.
-
-    Raises:
-        LogError: a recording is unsuitable, no joint has a link encoder or moves, the delay is too large.
+    `columns` (N, n, k) of each recording are regressors of the torsion of each joint: its torque, the plays
+    of it, the direction of motion; not multiples of its velocity.
     """
     pairs = [get_encoders(recording) for recording in recordings]
     present = np.logical_and.reduce([pair.present for pair in pairs])
@@ -193,10 +184,8 @@ def _fit_joints(
     for run, (recording, pair) in enumerate(zip(recordings, pairs, strict=True)):
         period = recording.period
         cutoff = min(_CUTOFF, 1.0 / (_LEAST_RATIO * period))
-        shifted = shift_channel(recording.time, pair.q, shift)
-        theta, q = (
-            low_pass(values, period=period, cutoff=cutoff, order=_ORDER) for values in (pair.theta, shifted)
-        )
+        pairing = (pair.theta, shift_channel(recording.time, pair.q, shift))
+        theta, q = (low_pass(part, period=period, cutoff=cutoff, order=_ORDER) for part in pairing)
         speed, gap = differentiate(theta, period), theta - q
         zero = np.zeros((len(gap), len(recordings)))
         zero[:, run] = 1.0
@@ -214,7 +203,7 @@ def _fit_joints(
         still = _compute_residual_square(whole[np.ix_(head[1:], head[1:])])
         delayed = _compute_residual_square(whole[np.ix_(head, head)])
         identifiable = [True]
-        for column in range(1, len(head) - 1):
+        for column in head[1:-1]:
             order = [*(other for other in range(len(whole) - 1) if other != column), column]
             left = _compute_residual_square(whole[np.ix_(order, order)])
             identifiable.append(left > _INDEPENDENT_PART**2 * float(whole[column, column]))
@@ -240,10 +229,10 @@ def _fit_joints(
         filled[list(parts)] = part
         return filled.T
 
+    scatter = float(_compute_jackknife_std(np.ascontiguousarray(replicates.T) @ weights))
     alignment = Alignment(
         delay=shift + step,
-        delay_std=float(_compute_jackknife_std(np.ascontiguousarray(replicates.T) @ weights))
-        * max(1.0, excess) ** 0.5,
+        delay_std=scatter * max(1.0, excess) ** 0.5,
         delays=fill(shift + values[:, 0]),
         delay_stds=fill(stds[:, 0]),
         offsets=fill(values[:, 1:]),
@@ -262,8 +251,7 @@ def _solve(gram: FloatArray) -> FloatArray:
     lengths = np.sqrt(np.diag(inner))
     scales = np.where(lengths > 0.0, lengths, 1.0)
     scaled = np.linalg.lstsq(inner / np.outer(scales, scales), right / scales, rcond=1e-12)[0]
-    values: FloatArray = scaled / scales
-    return values
+    return np.asarray(scaled / scales)
 
 
 def _compute_residual_square(gram: FloatArray) -> float:
@@ -276,8 +264,7 @@ def _compute_jackknife_std(replicates: FloatArray) -> FloatArray:
     """Return the jackknife standard deviations of values without each of n blocks (n, ...)."""
     n = len(replicates)
     spread = replicates - replicates.mean(axis=0)
-    stds: FloatArray = np.sqrt((n - 1) / n * np.sum(spread**2, axis=0))
-    return stds
+    return np.asarray(np.sqrt((n - 1) / n * np.sum(spread**2, axis=0)))
 
 
 def keep_significant(alignment: Alignment) -> Alignment | None:

@@ -19,6 +19,7 @@ Needs rosbags, the extra `ros`. Not supported: ROS 1; other messages, which are 
 import os.path
 import re
 import struct
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -31,7 +32,7 @@ from symid.arrays import FloatArray, freeze
 from symid.errors import Notice
 from symid.logs.columns import Findings, join_names
 from symid.logs.files import RawLog, build_file_error
-from symid.logs.headings import is_commanded
+from symid.logs.headings import Names, is_commanded
 from symid.robot import Robot
 
 STORAGE_SUFFIXES = (".db3", ".mcap")
@@ -82,9 +83,7 @@ def read_bag(path: Path) -> RawLog:
     store = get_typestore(Stores.LATEST)
     for name, text in _DEFINITIONS.items():
         store.register(get_types_from_msg(text, name))
-    found: dict[str, list[_Message]] = {}
-    types: dict[str, str] = {}
-    counts: dict[str, int] = {}
+    found, types, counts = dict[str, list[_Message]](), dict[str, str](), Counter[str]()
     try:
         with ExitStack() as stack:
             # A file, a folder with metadata, or all files of one without.
@@ -95,7 +94,7 @@ def read_bag(path: Path) -> RawLog:
             for reader in sorted(readers, key=lambda reader: reader.start_time):
                 types |= {entry.topic: entry.msgtype for entry in reader.connections}
                 for entry in reader.connections:
-                    counts[entry.topic] = counts.get(entry.topic, 0) + entry.msgcount
+                    counts[entry.topic] += entry.msgcount
                 known = [entry for entry in reader.connections if entry.msgtype in _PARSED]
                 for entry, received, data in reader.messages(known) if known else ():
                     message = store.deserialize_cdr(data, entry.msgtype)
@@ -170,8 +169,7 @@ def _build_columns(
     dated = {topic for topic, stamps in times.items() if max(stamps) > _EPOCH * _NANO}
     dates = (stamp for topic in dated for stamp in times[topic] if stamp > _EPOCH * _NANO)
     first = min(dates, default=0) // _NANO * _NANO
-    columns: dict[str, FloatArray] = {}
-    notices = []
+    columns, notices = dict[str, FloatArray](), list[Notice]()
     for topic, every in found.items():
         origin = first if topic in dated else 0
         messages = [entry for entry, stamp in zip(every, times[topic], strict=True) if stamp or not origin]
@@ -188,12 +186,9 @@ def _build_columns(
         parts.append(f"time is {source}" + (f", less {origin // _NANO} s" if origin else ""))
         if joints:
             # Messages in sequence with the same stamp, and with other joints, are one row.
-            common = stamps if headed[topic] else None
-            rows: list[int] = []
-            places: list[int] = []
-            held: set[str] = set()
+            rows, places, held = list[int](), list[int](), set[str]()
             for k, entry in enumerate(messages):
-                same = common is not None and k > 0 and common[k] == common[k - 1]
+                same = headed[topic] and k > 0 and stamps[k] == stamps[k - 1]
                 if not same or held & set(entry.joints):
                     places.append(k)
                     held = set()
@@ -204,9 +199,8 @@ def _build_columns(
             for row, entry in zip(rows, messages, strict=True):
                 for (joint, channel), value in entry.values.items():
                     own[f"{joint}/{channel}"][row] = value
-            orders = dict.fromkeys(
-                entry.joints for entry in messages if len(set(entry.joints)) == len(entry.joints)
-            )
+            listed = dict.fromkeys(entry.joints for entry in messages)
+            orders = [order for order in listed if len(set(order)) == len(order)]
             usual = dict.fromkeys(name for order in orders for name in order)
             if any(list(order) != [name for name in usual if name in order] for order in orders):
                 parts.append("the order of joints changes between messages, values were assigned by name")
@@ -214,25 +208,19 @@ def _build_columns(
             if lacking:
                 parts.append(f"{lacking} messages have a part of the joints only")
             if len(places) < len(messages):
-                parts.append(
-                    f"{len(messages)} messages became {len(places)} samples: those with one stamp and other "
-                    "joints are one"
-                )
-            odd = sum(entry.odd for entry in messages)
-            if odd:
-                parts.append(
-                    f"{odd} messages have names twice, or not as many values as names, which were not read"
-                )
+                became = f"{len(messages)} messages became {len(places)} samples"
+                parts.append(f"{became}: those with one stamp and other joints are one")
+            if odd := sum(entry.odd for entry in messages):
+                what = f"{odd} messages have names twice, or not as many values as names"
+                parts.append(f"{what}, which were not read")
             stamps = [stamps[place] for place in places]
             steps = np.diff(np.array(stamps)) / _NANO
             onward = steps[steps > 0.0]
             if len(onward):
                 median = float(np.median(onward))
                 rms = 100.0 * float(np.sqrt(np.mean((onward / median - 1.0) ** 2)))
-                parts.append(
-                    f"steps of {median:.6g} s, the longest {float(onward.max()):.6g} s, deviations "
-                    f"{rms:.2g} % RMS"
-                )
+                size = f"steps of {median:.6g} s, the longest {float(onward.max()):.6g} s"
+                parts.append(f"{size}, deviations {rms:.2g} % RMS")
         else:
             sizes = {len(entry.array) for entry in messages if entry.array is not None}
             if len(sizes) != 1 or sizes == {0}:
@@ -242,9 +230,8 @@ def _build_columns(
         columns[f"{topic}/time"] = freeze(np.array([(stamp - origin) / _NANO for stamp in stamps]))
         columns |= {f"{topic}/{name}": freeze(values) for name, values in own.items()}
         notices.append(Notice(code="log.topic-read", text="; ".join(parts), file=str(path)))
-    beside = (
-        [] if path.is_dir() else [entry for entry in path.parent.iterdir() if entry.suffix == path.suffix]
-    )
+    siblings = () if path.is_dir() else path.parent.iterdir()
+    beside = [entry for entry in siblings if entry.suffix == path.suffix]
     if len(beside) > 1 and (path.parent / _METADATA).exists():
         text = (
             f"this is one of {len(beside)} files of a bag ({_METADATA} is beside them), and the others were "
@@ -270,9 +257,8 @@ def pick_topic(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, d
         topics.setdefault(match[1], {}).setdefault(match[2], set()).add(match[3])
     wanted = robot.log.topic
     if wanted is not None and wanted not in topics:
-        text = (
-            f"there is no topic {wanted!r} with states of joints; the log has {join_names(topics) or 'none'}"
-        )
+        there = join_names(topics) or "none"
+        text = f"there is no topic {wanted!r} with states of joints; the log has {there}"
         findings.refuse("log.topic", text)
         return raw, {}
     named: dict[str, tuple[str, ...]] = {}
@@ -288,11 +274,8 @@ def pick_topic(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, d
         # Of a table that is no bag this is a mistake only if several could be meant.
         if chosen:
             text = f"topics {join_names(chosen)} have position and effort of every joint"
-            remedy = (
-                f'--set log.topic={chosen[0]}, topic = "{chosen[0]}" in [log], or --columns topic= of '
-                "`symid new`"
-            )
-            findings.refuse("log.topic", f"{text}; choose one: {remedy}")
+            remedy = f'--set log.topic={chosen[0]}, topic = "{chosen[0]}" in [log], or --columns topic='
+            findings.refuse("log.topic", f"{text}; choose one: {remedy} of `symid new`")
         elif any(f"{topic}/time" in raw.columns for topic in topics):
             parts = []
             for topic, channels in topics.items():
@@ -316,9 +299,7 @@ def pick_topic(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, d
         text = f"joints of topic {topic} have other names than those of the robot: {pairs}"
         findings.remark("log.joint-names", f"{text}; is it this robot?")
     fields = {"position": "position", "velocity": "velocity", "torque": "effort"}
-    columns = {
-        quantity: tuple(f"{topic}/{name}/{channel}" for name in names) for quantity, channel in fields.items()
-    }
+    columns = {key: tuple(f"{topic}/{name}/{part}" for name in names) for key, part in fields.items()}
     if any(name not in raw.columns for name in columns["velocity"]):
         del columns["velocity"]
     clock = f"{topic}/time"
@@ -362,18 +343,15 @@ def _list_sides(text: str) -> set[str]:
     return {_SIDES[word.lower()] for word in _WORD.findall(text) if word.lower() in _SIDES}
 
 
-def _keep_complete(
-    raw: RawLog, topic: str, columns: Mapping[str, tuple[str, ...]], findings: Findings
-) -> RawLog:
+def _keep_complete(raw: RawLog, topic: str, columns: Names, findings: Findings) -> RawLog:
     """Return the log with those samples of a topic that have position and effort of every joint."""
     needed = np.stack([raw.columns[name] for key in ("position", "torque") for name in columns[key]])
     whole = np.all(np.isfinite(needed), axis=0)
     if whole.all():
         return raw
     count = int(np.sum(~whole))
-    text = (
-        f"{count} of {len(whole)} samples of topic {topic} lack a position or an effort of the robot's joints"
-    )
+    text = f"{count} of {len(whole)} samples of topic {topic} lack a position or an effort"
+    text = f"{text} of the robot's joints"
     if not whole.any():
         hint = "joints that different programs publish must have one stamp to be joined"
         findings.refuse("log.topic", f"{text}; {hint}, and effort must be measured")

@@ -40,9 +40,8 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
         torque = recording.torque[:, index]
         peak, most = summary.peak, joint.limits.torque
         if np.ptp(torque) == 0.0:
-            found.append(
-                ("log.constant-torque", f"the torque of joint {joint.name!r} is {torque[0]:.4g} throughout")
-            )
+            text = f"the torque of joint {joint.name!r} is {torque[0]:.4g} throughout"
+            found.append(("log.constant-torque", text))
         elif most is not None and peak > most * (1.0 + 1e-6):
             text = f"the torque of joint {joint.name!r} reaches {peak:.4g}, beyond its limit {most:.4g}"
             found.append(("log.torque-beyond-limit", f"{text}; check unit, factor and gear"))
@@ -66,7 +65,7 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
         # The integral of the logged velocity, which may have a small bias, against the position.
         velocity = recording.velocity
         steps = 0.5 * np.diff(recording.time)[:, None] * (velocity[1:] + velocity[:-1])
-        ways = np.concatenate([np.zeros((1, velocity.shape[1])), np.cumsum(steps, axis=0)])
+        ways = np.pad(np.cumsum(steps, axis=0), ((1, 0), (0, 0)))
         for index, joint in enumerate(robot.axes):
             position, integral = map(take_line_off, (recording.position[:, index], ways[:, index]))
             sizes = float(np.linalg.norm(position)), float(np.linalg.norm(integral))

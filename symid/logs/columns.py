@@ -21,7 +21,7 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.errors import Notice
-from symid.logs.files import RawLog
+from symid.logs.files import DEFAULT_NAMES, RawLog
 from symid.logs.recording import CONTROL_CHANNELS, OPTIONAL_CHANNELS
 from symid.notation import get_unit_factor, suggest_units
 from symid.robot import JOINT_DIMENSIONS, LogQuantity, Robot, TransmissionMatrix, compute_condition
@@ -178,23 +178,6 @@ def join_names(names: Iterable[str]) -> str:
     return ", ".join(map(repr, names))
 
 
-DEFAULT_NAMES = {
-    "time": ("t", "time"),
-    "position": ("q", "position"),
-    "velocity": ("dq", "velocity"),
-    "acceleration": ("ddq",),
-    "torque": ("tau", "torque"),
-    "motor_position": ("theta", "motor_position"),
-    "link_position": ("link_position",),
-    "load": ("tau_load",),
-    "temperature": ("temperature",),
-    "reference": ("q_ref", "reference"),
-    "reference_velocity": ("dq_ref", "reference_velocity"),
-    "feedforward": ("tau_ff", "feedforward"),
-}
-"""Names of a quantity's columns where the robot file states none; numbered ones for single joints."""
-
-
 def extract_time(raw: RawLog, robot: Robot, findings: Findings) -> tuple[FloatArray | None, tuple[str, ...]]:
     """Return time (N,) in s, None if it cannot be read, and the names of the columns used."""
     mapped = robot.log.time
@@ -310,20 +293,14 @@ def _stack_columns(
 ) -> FloatArray | None:
     """Return the columns of a quantity (N, k); None, and mistakes noted, where there is no such array."""
     missing = [name for name in names if name not in raw.columns]
+    stems, option = DEFAULT_NAMES[quantity], "column=NAME"
+    if quantity != "time":
+        stems = tuple(f"{stem} or {stem}1, {stem}2 ..." for stem in stems)
+        option = f"columns=NAME,NAME --set log.{quantity}.unit=UNIT"
+    hint = f"; without [log.{quantity}] it must be named {' or '.join(stems)}; else use --set log.{quantity}."
     for name in missing:
-        stems = DEFAULT_NAMES[quantity]
-        if mapped:
-            hint = ""
-        elif quantity == "time":
-            known = " or ".join(stems)
-            hint = f"; without [log.time] it must be named {known}; else use --set log.time.column=NAME"
-        else:
-            known = " or ".join(f"{stem} or {stem}1, {stem}2 ..." for stem in stems)
-            hint = (
-                f"; without [log.{quantity}] it must be named {known}; else use "
-                f"--set log.{quantity}.columns=NAME,NAME --set log.{quantity}.unit=UNIT"
-            )
-        findings.refuse("log.missing-column", _describe_missing(raw, name, quantity) + hint)
+        text = _describe_missing(raw, name, quantity)
+        findings.refuse("log.missing-column", text if mapped else f"{text}{hint}{option}")
     if missing:
         return None
     parts = [np.atleast_1d(raw.columns[name]) for name in names]

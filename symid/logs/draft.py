@@ -67,12 +67,11 @@ def draft_log_map(
     in `columns` chooses the topic of a bag. A UsageError names unknown quantities, a LogError those without
     columns for every joint, ambiguous ones, missing units.
     """
-    topics = [
-        entry if isinstance(entry, str) else ",".join(entry) for entry in (columns.get(_TOPIC),) if entry
-    ]
+    topic = columns.get(_TOPIC) or None
+    topic = topic if topic is None or isinstance(topic, str) else ",".join(topic)
     columns = {name: entry for name, entry in columns.items() if name != _TOPIC}
     named, of_units = _split_names("--columns", columns), _split_names("--units", units)
-    robot = replace(robot, log=robots.LogMap(topic=next(iter(topics), None)))
+    robot = replace(robot, log=robots.LogMap(topic=topic))
     raw = read_raw(log)
     findings = Findings(file=str(log))
     found = recognise_columns(raw, robot, named, of_units, findings)
@@ -89,7 +88,7 @@ def draft_log_map(
         text = f"columns that are not used: {names}; --columns QUANTITY=NAME,... names others"
         remarks.append(Notice(code="new.unused-columns", text=text, file=str(log)))
     robot = replace(robot, log=found.short)
-    recording = repair_recording(read_recording(log, robot, uneven=True, raw=raw), robot.axes).recording
+    recording = repair_recording(read_recording(log, robot, uneven=True, raw=raw), robot.axes)
     texts = {}
     plain = [joint.name for joint in robot.axes if joint.friction.law == NO_FRICTION]
     if plain:
@@ -109,7 +108,7 @@ def draft_log_map(
         read=read,
         units=found.units,
         unused=unused,
-        assumed=(*remarks, *tuple(Notice(code=code, text=text) for code, text in texts.items())),
+        assumed=(*remarks, *(Notice(code=code, text=text) for code, text in texts.items())),
         warnings=check_recording(recording, robot),
     )
 
@@ -122,10 +121,8 @@ def _split_names(option: str, given: NamesByQuantity) -> dict[str, tuple[str, ..
         parts = names.split(",") if isinstance(names, str) else names
         found[quantity] = tuple(part.strip() for part in parts)
         if quantity not in robots.QUANTITIES:
-            hint = (
-                robots.suggest_names(quantity, robots.QUANTITIES)
-                or f"known are {', '.join(robots.QUANTITIES)}"
-            )
+            hint = robots.suggest_names(quantity, robots.QUANTITIES)
+            hint = hint or f"known are {', '.join(robots.QUANTITIES)}"
             mistake = f"there is no quantity {quantity!r}; {hint}"
         elif not all(found[quantity]) or not found[quantity]:
             example = "deg" if option == "--units" else "NAME,NAME"

@@ -1,6 +1,6 @@
 """Faults of a log's samples, found, and repaired or masked, before anything is fitted.
 
-Recording, joints -> `RepairedLog`: a recording whose `bad` samples count in no fit, and what was done.
+Recording, joints -> Recording, whose `bad` samples count in no fit, with notices on what was done.
 
     repeats    rows that repeat the one before to the last bit although the robot moves: a slower robot was
                polled. New rows get the even times t0 + k T of its clock, or stay at their stamps
@@ -96,62 +96,35 @@ _TEXTS: Mapping[FaultKind, str] = {
 }
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Repair:
-    """What was found: its kind, the joint, empty for all, and the share of the samples; and what was done."""
+def repair_recording(recording: Recording, joints: Sequence[Joint]) -> Recording:
+    """Return a recording with its faults repaired or masked, and notices, or the one given if it has none.
 
-    kind: FaultKind
-    joint: str
-    share: float
-    notice: Notice
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RepairedLog:
-    """A recording with its faults repaired or masked, and notices; the one given where it has none."""
-
-    recording: Recording
-    repairs: tuple[Repair, ...] = ()
-
-    @property
-    def bad(self) -> Mask:
-        """Return the samples of each joint that must not count in a fit: (N, n)."""
-        known = self.recording.bad
-        return np.zeros(self.recording.position.shape, dtype=np.bool_) if known is None else known
-
-
-def repair_recording(recording: Recording, joints: Sequence[Joint]) -> RepairedLog:
-    """Return a recording with its faults repaired or masked; `joints` (n,) are those of its columns.
-
-    A LogError if times are uneven and too few samples are left between gaps.
+    `joints` (n,) are those of its columns. A LogError if times are uneven and too few samples are left
+    between gaps.
     """
-    log, repairs = _take_turns_off(recording, joints)
-    if (chosen := choose_times(log)) is not None:
-        log, repairs = resample_recording(log, chosen[0]), [*repairs, chosen[1]]
+    log, told = _take_turns_off(recording, joints)
+    if (plan := choose_times(log)) is not None:
+        log, told = resample_recording(log, plan), [*told, plan.notice]
     while len(log.time) >= _LEAST:
         # What is ordinary changes with what was bridged.
         log, found = _repair_samples(log, joints)
-        repairs += found
+        told += found
         if not found:
             break
-    if not repairs:
-        return RepairedLog(recording=recording)
-    notices = (*log.notices, *(entry.notice for entry in repairs))
-    return RepairedLog(recording=replace(log, notices=notices), repairs=tuple(repairs))
+    return replace(log, notices=(*log.notices, *told)) if told else recording
 
 
-def _describe_fault(kind: FaultKind, name: str, joint: Joint, log: Recording, mask: Mask) -> Repair:
+def _describe_fault(kind: FaultKind, name: str, joint: Joint, log: Recording, mask: Mask) -> Notice:
     """Return what to say of the wrong samples (N,) of a joint's channel."""
-    count, share, where = int(np.sum(mask)), float(np.mean(mask)), f"{name.replace('_', ' ')} of joint"
-    values = {"where": f"the {where} {joint.name!r}", "count": count, "share": 100.0 * share}
-    text = _TEXTS[kind].format(**values, time=float(log.time[np.argmax(mask)]))
-    notice = Notice(code=f"log.{kind}", text=text, file=log.source)
-    return Repair(kind=kind, joint=joint.name, share=share, notice=notice)
+    where = f"the {name.replace('_', ' ')} of joint {joint.name!r}"
+    count, share, time = int(np.sum(mask)), 100.0 * float(np.mean(mask)), float(log.time[np.argmax(mask)])
+    text = _TEXTS[kind].format(where=where, count=count, share=share, time=time)
+    return Notice(code=f"log.{kind}", text=text, file=log.source)
 
 
-def _take_turns_off(log: Recording, joints: Sequence[Joint]) -> tuple[Recording, list[Repair]]:
+def _take_turns_off(log: Recording, joints: Sequence[Joint]) -> tuple[Recording, list[Notice]]:
     """Return the recording with positions that do not wrap, and references by as many turns."""
-    found: list[Repair] = []
+    found: list[Notice] = []
     for name in _POSITIONS:
         given = getattr(log, name)
         if given is None or not np.any(np.abs(np.diff(given, axis=0)) > np.pi):
@@ -227,8 +200,8 @@ def _list_lines(time: FloatArray, poll: float) -> Iterator[FloatArray]:
             yield line
 
 
-def choose_times(recording: Recording) -> tuple[Resampling, Repair] | None:
-    """Return how to get rid of repeated rows and uneven times, and what to say; None where there are none."""
+def choose_times(recording: Recording) -> Resampling | None:
+    """Return how to get rid of repeated rows and uneven times; None where there are none."""
     time, position, velocity = recording.time, recording.position, recording.velocity
     steps, onward = np.diff(time), mask_onward(time)
     even = len(steps) > 0 and onward.all() and describe_uneven(time) is None
@@ -251,25 +224,24 @@ def choose_times(recording: Recording) -> tuple[Resampling, Repair] | None:
     clock += "" if plan.after is plan.before else ", some by interpolation"
     why = "positions are smoother there than at even times" if len(lines) > 1 else "they fit no clock"
     kind: FaultKind = "resampled"
-    share, text = 1.0, f"{plan.notice.text}; stamps are taken for true, as {why}"
+    text = f"{plan.notice.text}; stamps are taken for true, as {why}"
     if repeated.any():
-        kind, share = "repeats", float(np.mean(repeated))
+        kind = "repeats"
         others = f"put {clock}" if taken else "left at their stamps, which fit no clock, and interpolated"
         text = (
-            f"{100.0 * share:.3g} % of the rows repeat the one before to the last bit although the robot "
-            f"moves: it was polled faster than it answers. They were dropped, and the others {others}; log "
-            "each answer once, with the robot's own time"
+            f"{100.0 * float(np.mean(repeated)):.3g} % of the rows repeat the one before to the last bit "
+            "although the robot moves: it was polled faster than it answers. They were dropped, and the "
+            f"others {others}; log each answer once, with the robot's own time"
         )
     elif taken:
         text = f"time stamps are uneven, and positions smoother with the samples {clock}, where they were put"
-    notice = Notice(code=f"log.{kind}", text=text, file=recording.source)
-    return replace(plan, notice=notice), Repair(kind=kind, joint="", share=share, notice=notice)
+    return replace(plan, notice=Notice(code=f"log.{kind}", text=text, file=recording.source))
 
 
-def _repair_samples(log: Recording, joints: Sequence[Joint]) -> tuple[Recording, list[Repair]]:
+def _repair_samples(log: Recording, joints: Sequence[Joint]) -> tuple[Recording, list[Notice]]:
     """Return the recording with samples of single channels repaired or masked, and what was new."""
-    known = RepairedLog(recording=log).bad
-    bad, found = known.copy(), list[Repair]()
+    known = np.zeros(log.position.shape, dtype=np.bool_) if log.bad is None else log.bad
+    bad, found = known.copy(), list[Notice]()
     for name in (*_POSITIONS, "velocity", "torque", "load"):
         given = getattr(log, name)
         if given is None or not np.all(np.isfinite(given)):
@@ -321,10 +293,7 @@ class _Curvature(NamedTuple):
 def _measure_curvature(values: FloatArray) -> _Curvature:
     curve, reach = np.pad(np.abs(np.diff(values, n=2)), 1), LEVELS.neighbours
     used = curve[curve > _ROUNDING * float(np.max(np.abs(values)))]
-    padded = np.pad(curve, reach)
-    most = padded[: len(values) + reach].copy()
-    for k in range(1, reach):
-        np.maximum(most, padded[k : k + len(most)], out=most)
+    most = np.max(sliding_window_view(np.pad(curve, reach), len(values) + reach)[:reach], axis=0)
     ordinary = float(np.quantile(used, LEVELS.ordinary)) if len(used) else math.inf
     return _Curvature(curve, ordinary, most[1 : len(values) + 1], most[reach : reach + len(values)])
 

@@ -26,6 +26,7 @@ import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -37,8 +38,8 @@ from symid.arrays import FloatArray, freeze
 from symid.environment import check_suffix, read_file, write_file
 from symid.errors import LogError, Notice, OutputError
 from symid.logs.recording import Recording
-from symid.notation import UNITS, get_unit
-from symid.robot import JointKind, Robot
+from symid.notation import get_unit
+from symid.robot import Robot
 
 _INDEX = re.compile(r"\S\[\d+\]$")
 
@@ -123,9 +124,8 @@ def read_csv(path: Path) -> RawLog:
     except (UnicodeDecodeError, OSError) as error:
         reason = getattr(error, "strerror", None) or error
         raise build_file_error(path, f"this is not a text file that can be read: {reason}") from error
-    filled = [
-        (number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"
-    ]
+    numbered = enumerate(text.splitlines(), 1)
+    filled = [(number, line) for number, line in numbered if line.strip() and line[0] != "#"]
     if not filled:
         raise build_file_error(path, "the file has no line with column names")
     separator = max(_SEPARATORS, key=filled[0][1].count)
@@ -187,13 +187,10 @@ def _read_numbers(path: Path, names: list[str], lines: TableLines) -> FloatArray
     ]
     if not problems:
         # Python and numpy read 1_000 as a number, no other program does.
-        plain = not any("_" in cell for _, cells in lines for cell in cells)
-        try:
-            if plain:
+        if not any("_" in cell for _, cells in lines for cell in cells):
+            with suppress(ValueError):
                 values = np.array([cells for _, cells in lines], dtype=np.float64)
                 return values.reshape(len(lines), len(names))
-        except ValueError:
-            plain = False
         problems = [
             (number, "log.not-a-number", f"column {name!r}: {cell!r} is not a number (use a decimal point)")
             for number, cells in lines
@@ -411,9 +408,8 @@ def read_mat(path: Path) -> RawLog:
     try:
         # Version 4 begins with a number of which some bytes are zero.
         if 0 not in head[:4] and not _has_matlab_elements(path.read_bytes()):
-            raise build_file_error(
-                path, "this is not a MATLAB file that can be read: its elements are damaged"
-            )
+            text = "this is not a MATLAB file that can be read: its elements are damaged"
+            raise build_file_error(path, text)
         content = scipy.io.loadmat(str(path), struct_as_record=True)
     # SciPy raises any of these on a damaged file, according to where the damage lies.
     except (scipy.io.matlab.MatReadError, zlib.error, *_DAMAGED) as error:
@@ -512,20 +508,26 @@ def _flatten_structures(content: dict[str, object], prefix: str = "") -> Iterato
             yield full, value
 
 
-_WRITTEN = {
-    "q": ("position", "q"),
-    "dq": ("velocity", "dq"),
-    "ddq": ("acceleration", "ddq"),
-    "tau": ("torque", "tau"),
-    "theta": ("motor_position", "theta"),
-    "link_position": ("link_position", "q"),
-    "q_ref": ("reference", "q"),
-    "dq_ref": ("reference_velocity", "dq"),
-    "tau_ff": ("feedforward", "tau"),
-    "tau_load": ("load", "tau"),
-    "temperature": ("temperature", "degC"),
+DEFAULT_NAMES = {
+    "time": ("t", "time"),
+    "position": ("q", "position"),
+    "velocity": ("dq", "velocity"),
+    "acceleration": ("ddq",),
+    "torque": ("tau", "torque"),
+    "motor_position": ("theta", "motor_position"),
+    "link_position": ("link_position",),
+    "reference": ("q_ref", "reference"),
+    "reference_velocity": ("dq_ref", "reference_velocity"),
+    "feedforward": ("tau_ff", "feedforward"),
+    "load": ("tau_load",),
+    "temperature": ("temperature",),
 }
-"""Columns that are written: the channel, and the symbol whose units it has, or its unit."""
+"""Names of a quantity's columns where the robot file states none; numbered ones for single joints. The first
+ones are written, in this order."""
+_SYMBOLS = {"velocity": "dq", "acceleration": "ddq", "reference_velocity": "dq"}
+_SYMBOLS |= dict.fromkeys(("position", "motor_position", "link_position", "reference"), "q")
+_SYMBOLS |= dict.fromkeys(("torque", "feedforward", "load"), "tau")
+"""Symbols that have the units of what joints measure."""
 _SUFFIXES = (".npz", ".csv")
 
 
@@ -534,14 +536,13 @@ def write_recording(recording: Recording, path: Path, robot: Robot) -> Path:
     flat = check_suffix(path, "a log", _SUFFIXES) == ".csv"
     columns: dict[str, FloatArray] = {"t": recording.time}
     units = {"t": "s"}
-    for name, (channel, symbol) in _WRITTEN.items():
+    for channel, (name, *_) in DEFAULT_NAMES.items():
         values: FloatArray | None = getattr(recording, channel)
-        if values is None:
+        if values is None or channel == "time":
             continue
-        own = [
-            (symbol if symbol in UNITS else get_unit(symbol, prismatic=(joint.kind is JointKind.PRISMATIC)))
-            for joint in robot.axes
-        ]
+        own = ["degC"] * robot.freedom
+        if channel in _SYMBOLS:
+            own = [get_unit(_SYMBOLS[channel], prismatic=joint.prismatic) for joint in robot.axes]
         if flat:
             columns |= {f"{name}{number}": column for number, column in enumerate(values.T, 1)}
             units |= {f"{name}{number}": unit for number, unit in enumerate(own, 1)}

@@ -212,9 +212,7 @@ def _sort_by_joint(
     if alone:
         # The last number in each joint's name, such as 3 of wrist_j3.
         ends = [re.findall(r"\d+", joint.name)[-1:] for joint in joints]
-        numbered = [
-            [entry.column for entry in headings if end and entry.number == int(end[0])] for end in ends
-        ]
+        numbered = [[one.column for one in headings if end and one.number == int(end[0])] for end in ends]
         if numbered != counted and all(len(hit) == 1 for hit in numbered):
             return _merge_columns(numbered, counted)
         describe_order(tuple(zip(numbers, joints, strict=True)), findings)
@@ -327,13 +325,13 @@ def ask_constants(joints: Sequence[Joint]) -> str:
     return f"give --torque-constant {listed} (N m/A at the motor, of {names}), and --gear if it is not stated"
 
 
+Names = Mapping[str, tuple[str, ...]]
+"""Names of columns, or units, by quantity."""
+
+
 def propose_quantities(
-    raw: RawLog,
-    robot: Robot,
-    columns: Mapping[str, tuple[str, ...]],
-    units: Mapping[str, tuple[str, ...]],
-    findings: Findings,
-) -> tuple[dict[str, LogQuantity], dict[str, tuple[str, ...]]]:
+    raw: RawLog, robot: Robot, columns: Names, units: Names, findings: Findings
+) -> tuple[dict[str, LogQuantity], Names]:
     """Return all quantities that the headings or the user name, and the units as stated."""
     headings, known = read_headings(raw, robot.axes), tuple(raw.columns)
     found: dict[str, LogQuantity] = {}

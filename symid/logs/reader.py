@@ -22,6 +22,7 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.errors import LogError
+from symid.logs import headings
 from symid.logs.bags import STORAGE_SUFFIXES, is_bag_folder, pick_topic, read_bag
 from symid.logs.columns import (
     Findings,
@@ -33,18 +34,7 @@ from symid.logs.columns import (
     join_names,
 )
 from symid.logs.files import RawLog, build_file_error, read_csv, read_hdf5, read_mat, read_npz, read_parquet
-from symid.logs.headings import (
-    REQUIRED_QUANTITIES,
-    ask_constants,
-    choose_columns,
-    describe_order,
-    fill_map,
-    is_commanded,
-    list_quantities,
-    note_other_numbers,
-    propose_quantities,
-    read_headings,
-)
+from symid.logs.headings import REQUIRED_QUANTITIES, Names, is_commanded
 from symid.logs.recording import OPTIONAL_CHANNELS, Recording
 from symid.logs.signals import choose_processing, compute_least_samples, describe_too_short, describe_uneven
 from symid.notation import UNITS, get_unit_factor
@@ -93,7 +83,7 @@ class Recognised:
     raw: RawLog
     table: LogMap
     short: LogMap
-    units: Mapping[str, tuple[str, ...]]
+    units: Names
 
 
 def assign_columns(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, Robot]:
@@ -105,7 +95,7 @@ def assign_columns(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLo
         return apply_preset(raw, robot, findings)
     if has_default_columns(raw, REQUIRED_QUANTITIES):
         # What symid writes is in the order of the joints, whatever they are called.
-        note_other_numbers(choose_default_names(raw, "position"), robot.axes, findings)
+        headings.note_other_numbers(choose_default_names(raw, "position"), robot.axes, findings)
         return raw, robot
     tried = Findings(file=findings.file)
     found = recognise_columns(raw, robot, {}, {}, tried)
@@ -128,11 +118,7 @@ def assign_columns(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLo
 
 
 def recognise_columns(
-    raw: RawLog,
-    robot: Robot,
-    columns: Mapping[str, tuple[str, ...]],
-    units: Mapping[str, tuple[str, ...]],
-    findings: Findings,
+    raw: RawLog, robot: Robot, columns: Names, units: Names, findings: Findings
 ) -> Recognised | None:
     """Return what the names of columns say; None, and mistakes noted, if they do not say enough.
 
@@ -140,8 +126,8 @@ def recognise_columns(
     """
     found = None if columns else _match_preset(raw, robot, units, findings)
     if found is None and not findings.mistakes:
-        read, stated = propose_quantities(raw, robot, columns, units, findings)
-        table = fill_map(LogMap(topic=robot.log.topic), read)
+        read, stated = headings.propose_quantities(raw, robot, columns, units, findings)
+        table = headings.fill_map(LogMap(topic=robot.log.topic), read)
         found = Recognised(raw=raw, table=table, short=table, units=stated)
     if found is None or findings.mistakes:
         return None
@@ -159,20 +145,18 @@ def recognise_columns(
     return found
 
 
-def _match_preset(
-    raw: RawLog, robot: Robot, units: Mapping[str, tuple[str, ...]], findings: Findings
-) -> Recognised | None:
+def _match_preset(raw: RawLog, robot: Robot, units: Names, findings: Findings) -> Recognised | None:
     """Return the columns of the program that wrote the log, None where it is not known."""
     own = None if units else _match_symid_columns(raw, robot)
     if own is not None:
-        units = _list_units(list_quantities(own))
+        units = _list_units(headings.list_quantities(own))
         return Recognised(raw=raw, table=own, short=LogMap(preset="symid"), units=units)
     # Messages of ROS have SI units but for efforts; the programs of others state theirs.
     for preset in ("ros",) if units else _LAYOUTS:
         tried = Findings(file=findings.file)
         short = LogMap(preset=preset, topic=robot.log.topic)
         found, known = apply_preset(raw, replace(robot, log=short), tried)
-        read = list_quantities(known.log)
+        read = headings.list_quantities(known.log)
         findings.mistakes += [entry for entry in tried.mistakes if entry.code == "log.topic"]
         mistakes = [entry for entry in tried.mistakes if entry.code != "log.no-torque-constant"]
         # A heading with a unit of its own was written by somebody else.
@@ -185,33 +169,31 @@ def _match_preset(
             if len(time) > 1 and not np.median(np.diff(time)) > _MILLISECONDS:
                 continue
         for entry in tried.mistakes:
-            findings.refuse("new.torque-constant", f"{entry.text}: {ask_constants(robot.axes)}")
+            findings.refuse("new.torque-constant", f"{entry.text}: {headings.ask_constants(robot.axes)}")
         findings.remarks += tried.remarks
         shown = _list_units(read)
         if units:
             names = {name: entry.columns for name, entry in read.items()}
-            read, shown = propose_quantities(found, robot, names, {**shown, **units}, findings)
-            short = fill_map(short, {name: entry for name, entry in read.items() if name in units})
+            read, shown = headings.propose_quantities(found, robot, names, {**shown, **units}, findings)
+            short = headings.fill_map(short, {name: entry for name, entry in read.items() if name in units})
         listed = ", ".join(f"{name} in {shown[name][0]}" for name in REQUIRED_QUANTITIES if name in shown)
-        text = (
-            f"the columns are those of {preset}, and its units are assumed: {listed} (SI: rad or m, N m or N)"
-        )
+        text = f"the columns are those of {preset}, and its units are assumed: {listed}"
+        text = f"{text} (SI: rad or m, N m or N)"
         if preset == "ros" and "torque" not in units:
             text += "; a message does not state the unit of effort, and some drivers give currents"
         findings.remark("new.preset", text)
         positions = read["position"].columns
-        by_name = [
-            _list_names(entry, robot.axes) for entry in _LAYOUTS[preset]["position"] if "{joint}" in entry
-        ]
+        named = [entry for entry in _LAYOUTS[preset]["position"] if "{joint}" in entry]
+        by_name = [_list_names(entry, robot.axes) for entry in named]
         if preset != "ros":
-            note_other_numbers(positions, robot.axes, findings)
+            headings.note_other_numbers(positions, robot.axes, findings)
         elif positions not in by_name and re.search(r"\d\]?$", positions[0]) and found is raw:
-            describe_order(tuple(enumerate(robot.axes)), findings)
-        return Recognised(raw=found, table=fill_map(known.log, read), short=short, units=shown)
+            headings.describe_order(tuple(enumerate(robot.axes)), findings)
+        return Recognised(raw=found, table=headings.fill_map(known.log, read), short=short, units=shown)
     return None
 
 
-def _list_units(read: Mapping[str, LogQuantity]) -> dict[str, tuple[str, ...]]:
+def _list_units(read: Mapping[str, LogQuantity]) -> Names:
     return {name: (entry.unit,) for name, entry in read.items()}
 
 
@@ -227,8 +209,8 @@ def _match_symid_columns(raw: RawLog, robot: Robot) -> LogMap | None:
     if len(units) < len(columns) or not plain:
         return None
     # Names of joints may end in other numbers than their order gives; then the order is ambiguous.
-    headings = read_headings(raw, robot.axes)
-    if choose_columns(headings, "position", robot.axes, Findings(file="")) != names["position"]:
+    listed = headings.read_headings(raw, robot.axes)
+    if headings.choose_columns(listed, "position", robot.axes, Findings(file="")) != names["position"]:
         return None
     read = {key: LogQuantity(columns=entry, unit=raw.units[entry[0]]) for key, entry in names.items()}
     return LogMap(preset="symid", time=read["time"], position=read["position"], torque=read["torque"])
@@ -270,10 +252,9 @@ def apply_preset(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog,
                 )
                 findings.refuse("log.no-torque-constant", text)
             coupled = robot.log.transmission is not None
-            factor = compute_current_factor(robot.axes, coupled=coupled) or (1.0,)
-            found[name] = LogQuantity(
-                columns=names, unit="A", factor=factor, side="motor" if coupled else "joint"
-            )
+            factor = compute_current_factor(robot.axes, coupled=coupled)
+            side = "motor" if coupled else "joint"
+            found[name] = LogQuantity(columns=names, unit="A", factor=factor or (1.0,), side=side)
         else:
             found[name] = LogQuantity(columns=names, unit="SI")
     return raw, replace(robot, log=replace(log, **found))
@@ -298,17 +279,15 @@ def _match_layout(
             names = {name: _list_names(pattern, joints) for name, pattern in own.items()}
             # Of an array that is longer than the robot, one column more is there.
             more = {name: own[name].format(k=len(joints), joint="") for name in own if "{k}" in own[name]}
-            found.append(
-                (topic, {key: each for key, each in names.items() if set(each) <= set(raw.columns)}, more)
-            )
+            there = {key: each for key, each in names.items() if set(each) <= set(raw.columns)}
+            found.append((topic, there, more))
     needed = {*quantities} & {*REQUIRED_QUANTITIES} or {*quantities}
     counts = [len({*own} & needed) for _, own, _ in found]
     if not any(counts):
         return {}
-    topic, columns, more = found[counts.index(max(counts))]
-    rivals = [
-        other for (other, *_), count in zip(found, counts, strict=True) if other and count == max(counts)
-    ]
+    best = [entry for entry, count in zip(found, counts, strict=True) if count == max(counts)]
+    topic, columns, more = best[0]
+    rivals = [other for other, *_ in best if other]
     if topic and len(rivals) > 1:
         text = f"preset {preset!r}: {join_names(rivals)} have such columns; name those of the robot in [log]"
         findings.refuse("log.preset", text)
@@ -356,13 +335,9 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
         values[name], columns[name] = extract_quantity(raw, robot, name, samples, findings)
     # Holes in a velocity or an acceleration are accepted, states then come from the position; so are those
     # of a controller's channels.
-    needed = (column for name in _GAPLESS for column in columns[name])
-    listed = (*used, *needed)
-    for name in dict.fromkeys(listed):
-        column = raw.columns.get(name)
-        if column is None:
-            continue
-        bad = np.argwhere(~(np.abs(np.atleast_1d(column)) <= _LARGEST))
+    needed = dict.fromkeys((*used, *(column for name in _GAPLESS for column in columns[name])))
+    for name in (entry for entry in needed if entry in raw.columns):
+        bad = np.argwhere(~(np.abs(np.atleast_1d(raw.columns[name])) <= _LARGEST))
         if len(bad):
             first = int(bad[0, 0])
             place = f"sample {first}" + (f", column {int(bad[0, 1])}" if bad.shape[1] > 1 else "")
@@ -371,20 +346,18 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
                 f"{_LARGEST:g}), the first at {place} (counted from 0); cut or repair the log there"
             )
             findings.refuse("log.not-finite", text)
-    no_position = values["position"] is None
     motor, link = (columns[name] for name in _ENCODERS)
-    if no_position and motor and not link:
+    if values["position"] is None and bool(motor) != bool(link):
         text = (
             f"the log has motor positions ({', '.join(motor)}) but no link positions; name these columns in "
             "[log.position] to identify what the motor side alone shows"
         )
-        findings.refuse("log.one-side", text)
-    if no_position and link and not motor:
-        text = (
-            f"the log has link positions ({', '.join(link)}) but no motor positions, on which friction and "
-            "rotors of elastic joints depend; add them, or, where joints are rigid, name these columns in "
-            "[log.position]"
-        )
+        if link:
+            text = (
+                f"the log has link positions ({', '.join(link)}) but no motor positions, on which friction "
+                "and rotors of elastic joints depend; add them, or, where joints are rigid, name these "
+                "columns in [log.position]"
+            )
         findings.refuse("log.one-side", text)
     if motor and link:
         text = (
@@ -404,26 +377,25 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
             findings.refuse("log.same-encoder", f"{text}; {remedy}")
     if time is not None and not uneven:
         _check_time(time, robot.processing, findings)
-    position, torque = values["position"], values["torque"]
-    if findings.mistakes or time is None or position is None or torque is None:
+    if findings.mistakes or time is None or values["position"] is None or values["torque"] is None:
         raise LogError(*findings.mistakes)
     known = {*used, *(name for names in columns.values() for name in names)}
     unused = tuple(name for name in raw.columns if name not in known)
     left_out = ", ".join((*unused, *raw.others))
     parts = [f"columns that were not used: {left_out}"] if left_out else []
-    for name in ("velocity", "acceleration"):
-        if columns[name]:
-            text = f"{name} was read; it is used where it predicts better than the filtered position"
-            parts.append(f"{text} (columns {', '.join(columns[name])})")
+    parts += (
+        f"{name} was read; it is used where it predicts better than the filtered position (columns "
+        f"{', '.join(columns[name])})"
+        for name in ("velocity", "acceleration")
+        if columns[name]
+    )
     if parts:
         findings.remark("log.unused-columns", "; ".join(parts))
-    channels: dict[str, Any] = {name: values[name] for name in OPTIONAL_CHANNELS}
+    channels: dict[str, Any] = values
     # What turned the torques of coupled motors into those of joints.
     matrix = get_matrix(robot, robot.log.torque)
     return Recording(
         time=time,
-        position=position,
-        torque=torque,
         **channels,
         source=str(path),
         notices=tuple(findings.remarks),
@@ -436,12 +408,11 @@ def read_raw(path: Path) -> RawLog:
     """Return the columns of the log at `path` as they stand in it, or raise a LogError."""
     try:
         folder, exists, plain = is_bag_folder(path), path.exists(), path.is_file()
-    except PermissionError as error:
-        raise build_file_error(
-            path, "the folder may not be read (no permission)", "log.unreadable"
-        ) from error
     except OSError as error:
-        raise build_file_error(path, f"cannot be read: {error.strerror}", "log.unreadable") from error
+        text = f"cannot be read: {error.strerror}"
+        if isinstance(error, PermissionError):
+            text = "the folder may not be read (no permission)"
+        raise build_file_error(path, text, "log.unreadable") from error
     reader = read_bag if folder else READERS.get(path.suffix.lower())
     if reader is None:
         found = repr(path.suffix) if path.suffix else "no suffix"

@@ -143,6 +143,10 @@ class Recording:
         return self.whole or LogExtent(start=start, end=last + self.period)
 
 
+States = tuple[FloatArray, FloatArray, FloatArray, FloatArray | None, FloatArray | None]
+"""q, dq, ddq, load and temperature, None for those that are not known."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Signals(FrozenArrays):
     """States and torques at full rate after filter, differentiation and cut ends, before decimation.
@@ -163,10 +167,8 @@ class Signals(FrozenArrays):
     temperature: FloatArray | None = None
     bad: NDArray[np.bool_] | None = None
 
-    def pick_states(
-        self, places: slice | NDArray[np.intp]
-    ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray | None, FloatArray | None]:
-        """Return q, dq, ddq, load and temperature at some samples, None for those that are not known."""
+    def pick_states(self, places: slice | NDArray[np.intp]) -> States:
+        """Return the states at some samples."""
         load, warmth = (None if part is None else part[places] for part in (self.load, self.temperature))
         return self.q[places], self.dq[places], self.ddq[places], load, warmth
 
@@ -217,20 +219,16 @@ def cut_recording(recording: Recording, kept: slice) -> Recording:
         in_memory = not os.path.isfile(recording.source)  # noqa: PTH113  (a source may be any text)
         digest = compute_signature(recording.torque) if in_memory else ""
         whole = replace(recording.extent, digest=digest)
-    count = len(recording.time)
-    extras = {
-        name: values[kept] if len(values) == count else values for name, values in recording.extras.items()
-    }
+    extras = dict(recording.extras)
+    extras |= {name: part[kept] for name, part in extras.items() if len(part) == len(recording.time)}
     return replace(change_channels(recording, lambda values: values[kept]), extras=extras, whole=whole)
 
 
 def change_channels(recording: Recording, change: Callable[[FloatArray], FloatArray]) -> Recording:
     """Return the recording with `change` made to its times and all its channels."""
-    changed: dict[str, Any] = {}
-    for name in ("time", "position", "torque", *OPTIONAL_CHANNELS):
-        values = getattr(recording, name)
-        if values is not None:
-            changed[name] = change(values)
+    names = ("time", "position", "torque", *OPTIONAL_CHANNELS)
+    given = {name: getattr(recording, name) for name in names}
+    changed: dict[str, Any] = {name: change(part) for name, part in given.items() if part is not None}
     if recording.bad is not None:
         # What a bad sample has a part in is bad.
         changed["bad"] = change(recording.bad.astype(np.float64)) != 0.0
@@ -271,15 +269,10 @@ class LogPart:
 
 
 def read_part(given: _Part, name: str, unit: str = "") -> LogPart:
-    """Return a part of a log as an option or a file states it.
+    """Return a part of a log as an option or a file states it, by a text or two numbers in s, or UsageError.
 
-    Args:
-        given: text, or two numbers in s.
-        name: of the option, for messages.
-        unit: where the text states none, as that of another option; empty for seconds.
-
-    Raises:
-        UsageError: it is no part; its end is not after its start; or its unit can only be guessed.
+    `name` is that of the option; `unit` counts where the text states none, as that of another option; empty
+    for seconds.
     """
     if isinstance(given, str):
         text = given
@@ -287,11 +280,11 @@ def read_part(given: _Part, name: str, unit: str = "") -> LogPart:
         # Callers give whatever they like.
         seconds: Any = given
         pair = tuple(seconds) if isinstance(seconds, tuple | list | np.ndarray) else ()
-        numbers = [value for value in pair if value is not None]
+        numbers = [value for value in pair if value is not None and not isinstance(value, bool)]
         good = all(
             isinstance(value, int | float | np.number) and 0.0 <= value < math.inf for value in numbers
         )
-        if len(pair) != 2 or not good or any(isinstance(value, bool) for value in numbers):
+        if len(pair) != 2 or not good or any(isinstance(value, bool) for value in pair):
             why = f"{_EXPECTED}, or a pair of seconds (2.5, 30.0), None for an open end"
             raise _refuse(name, repr(given), why)
         text = ":".join("" if value is None else f"{float(value)!r}{SECONDS}" for value in pair)
@@ -306,17 +299,14 @@ def read_part(given: _Part, name: str, unit: str = "") -> LogPart:
         raise _refuse(name, text, "state its unit, % or s, because parts in both units are given")
     fallback = (stated if stated != BOTH else "") or (unit if unit != BOTH else "") or SECONDS
     units = (found[2] or fallback, found[4] or fallback)
-    if any(
-        mark == PERCENT and 100.0 < value < math.inf for value, mark in zip((start, end), units, strict=True)
-    ):
+    pairs = [(start, units[0]), (end, units[1])]
+    if any(mark == PERCENT and 100.0 < value < math.inf for value, mark in pairs):
         raise _refuse(name, text, "a log has 100 %")
     if units[0] == units[1] and not start < end:
         raise _refuse(name, text, "its end must be after its start")
     shown = stated or unit not in {"", BOTH}
-    marks = [
-        mark if shown and value in measured else "" for value, mark in zip((start, end), units, strict=True)
-    ]
-    written_again = f"{found[1] or 0}{marks[0]}:{found[3] or ''}{marks[1]}"
+    first, last = (mark if shown and value in measured else "" for value, mark in pairs)
+    written_again = f"{found[1] or 0}{first}:{found[3] or ''}{last}"
     return LogPart(start=start, end=end, units=units, stated=stated, text=written_again)
 
 
@@ -336,7 +326,7 @@ def read_parts(given: _Part | Sequence[_Part] | None, name: str, unit: str = "")
 def join_units(parts: Sequence[LogPart]) -> str:
     """Return the unit that the parts state: empty for none, `BOTH` for different ones."""
     units = {part.stated for part in parts} - {""}
-    return BOTH if len(units) > 1 else next(iter(units), "")
+    return BOTH if len(units) > 1 else "".join(units)
 
 
 def refuse_shared(train: Sequence[LogPart], test: Sequence[LogPart]) -> None:
@@ -381,16 +371,13 @@ def take_part(recording: Recording, part: LogPart, name: str) -> Recording:
             f"{since[0]:.6g} and {since[-1]:.6g} s, at least {FEWEST} are needed; take a longer part"
         )
         raise LogError(Notice(code="log.too-short", text=text, file=recording.source))
-    kept = slice(begin, end)
-    count = len(recording.time)
-    if kept == slice(0, count):
+    if end - begin == len(since):
         return recording
-    since = recording.time[kept] - recording.extent.start
     text = (
-        f"{kept.stop - kept.start} of {count} samples are used, {since[0]:.6g} to {since[-1]:.6g} s from the "
-        f"start of the log, as set by {name} {part.text!r}"
+        f"{end - begin} of {len(since)} samples are used, {since[begin]:.6g} to {since[end - 1]:.6g} s from "
+        f"the start of the log, as set by {given}"
     )
-    return add_notice(cut_recording(recording, kept), "log.cut", text)
+    return add_notice(cut_recording(recording, slice(begin, end)), "log.cut", text)
 
 
 def take_parts(

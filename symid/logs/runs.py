@@ -11,12 +11,12 @@ the equations.
 
 Supported: a file may come twice with other samples; payloads on any link; a name alone for unknown ones.
 Not supported: other columns or units for single runs; a payload of bodies on several links.
-
 """
 
 import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
+from itertools import zip_longest
 from pathlib import Path
 from typing import TypeVar
 
@@ -90,9 +90,11 @@ def read_log_runs(path: Path, robot: robots.Robot, *, uneven: bool = False) -> t
     if path.suffix.lower() != _SUFFIX:
         return (_read_repaired(path, robot, uneven=uneven),)
     runs, warnings = _parse_runs(path, robot)
-    first, *others = _read_all(
-        runs, lambda run: [_apply_settings(_read_repaired(Path(run.file), robot, uneven=uneven), run)]
-    )
+
+    def read(run: RunSettings) -> list[Recording]:
+        return [_apply_settings(_read_repaired(Path(run.file), robot, uneven=uneven), run)]
+
+    first, *others = _read_all(runs, read)
     return (replace(first, notices=(*warnings, *first.notices)), *others)
 
 
@@ -107,7 +109,7 @@ def _read_repaired(path: Path, robot: robots.Robot, *, uneven: bool = False) -> 
         if not {notice.code for notice in error.notices} <= _UNEVEN:
             raise
         recording = read_recording(path, robot, uneven=True)
-    return recording if uneven else repair_recording(recording, robot.axes).recording
+    return recording if uneven else repair_recording(recording, robot.axes)
 
 
 def list_log_files(path: Path, robot: robots.Robot) -> tuple[Path, ...]:
@@ -197,17 +199,15 @@ def read_recorded_runs(sources: Sequence[str], stored: object, robot: robots.Rob
         return [recording if run is None else _apply_settings(recording, run)]
 
     entries = [{}] * len(sources) if stored is None else write_plain(stored)
+    found: list[RunSettings | None] = []
     try:
         listed = entries if isinstance(entries, list) else []
         found = [read_record(RunSettings, entry) if entry else None for entry in listed]
-    except InputError:
-        found = []
-    sizes = (1, robot.freedom)
-    known = [run for run in found if run is not None]
-    good = all(min(run.drop_first, run.drop_last) >= 0 and len(run.offset) in sizes for run in known)
-    try:
+        known = [run for run in found if run is not None]
+        good = all(min(run.drop_first, run.drop_last) >= 0 for run in known)
+        good &= all(len(run.offset) in {1, robot.freedom} for run in known)
         _ = [read_part(run.train, "train") for run in known if run.train]
-    except UsageError:
+    except (InputError, UsageError):
         good = False
     if len(found) != len(sources) or not good:
         text = (
@@ -337,14 +337,12 @@ def measure_overlap(
         return 0.0
     period, extent = recording.period, recording.extent
     digest = compute_log_digests((recording,))[0]
-    known, parts = (settings.get(name) or () for name in ("log_digests", "parts"))
-    listed = list(known) if isinstance(known, list | tuple) else []
-    stated = list(parts) if isinstance(parts, list | tuple) else []
-    stated += [None] * (len(listed) - len(stated))
+    known, parts = (settings.get(name) for name in ("log_digests", "parts"))
+    listed, stated = ([*part] if isinstance(part, list | tuple) else [] for part in (known, parts))
     whole = (extent.start, extent.end - period)
     # The first and the last time stamp of each part, of the whole log where the file of a fit has none.
     used: list[tuple[float, float]] = []
-    for entry, part in zip(listed, stated, strict=False):
+    for entry, part in zip_longest(listed, stated):
         ends = [part.get(name) for name in ("start", "end")] if isinstance(part, Mapping) else []
         stamps = [float(value) for value in ends if isinstance(value, int | float)]
         if entry == digest:
@@ -371,11 +369,8 @@ def describe_overlap(overlap: float, recording: Recording, cut: Ends = (0, 0)) -
 def get_train_unit(settings: Mapping[str, object]) -> str:
     """Return the unit that the parts of a fit's logs state; empty for none, see `join_units`."""
     runs = settings.get("runs")
-    texts = (
-        [run.get("train") for run in runs if isinstance(run, Mapping)]
-        if isinstance(runs, list | tuple)
-        else []
-    )
+    entries = runs if isinstance(runs, list | tuple) else []
+    texts = [run.get("train") for run in entries if isinstance(run, Mapping)]
     try:
         return join_units([read_part(text, "train") for text in texts if isinstance(text, str) and text])
     except UsageError:
@@ -403,7 +398,7 @@ def read_recordings(
         if joints != robot.freedom:
             text = f"has {joints} joints, the robot {robot.name!r} {robot.freedom}; read it with this robot"
             raise LogError(Notice(code="log.joints", text=text, file=log.source))
-        return (log if uneven else repair_recording(log, robot.axes).recording,)
+        return (log if uneven else repair_recording(log, robot.axes),)
 
     return _read_all(logs, read)
 
@@ -432,13 +427,11 @@ _SAME = 1e-3
 
 def check_distinct_samples(recordings: Sequence[Recording]) -> None:
     """Refuse two recordings with the same positions and torques, by a UsageError: noise would count twice."""
-    for place, entry in enumerate(recordings):
-        for other in recordings[:place]:
-            if entry is other or all(
-                _is_same(getattr(entry, name), getattr(other, name)) for name in ("torque", "position")
-            ):
-                text = f"the same samples as {other.source}; give each log once"
-                raise UsageError(Notice(code="usage.same-log", text=text, file=entry.source))
+    for entry, other in ((entry, other) for k, entry in enumerate(recordings) for other in recordings[:k]):
+        pairs = (entry.torque, other.torque), (entry.position, other.position)
+        if entry is other or all(_is_same(*pair) for pair in pairs):
+            text = f"the same samples as {other.source}; give each log once"
+            raise UsageError(Notice(code="usage.same-log", text=text, file=entry.source))
 
 
 def _is_same(values: FloatArray, others: FloatArray) -> bool:

@@ -23,7 +23,7 @@ from symid.errors import LogError, Notice
 from symid.logs.columns import Findings, extract_time
 from symid.logs.files import RawLog
 from symid.logs.reader import assign_columns
-from symid.logs.recording import Recording, change_channels
+from symid.logs.recording import Recording, add_notice, change_channels, spread_bad
 from symid.robot import Robot
 
 _REMARKED_JITTER = 0.05
@@ -141,16 +141,11 @@ class Resampling:
 def _interpolate(before: FloatArray, values: FloatArray, after: FloatArray) -> FloatArray:
     """Return `values` (K, ...) at times `before` (K,) at times `after` (M,); holes stay holes."""
     holes = ~np.isfinite(values)
-    moved: FloatArray = scipy.interpolate.PchipInterpolator(before, np.where(holes, 0.0, values), axis=0)(
-        after
-    )
+    spline = scipy.interpolate.PchipInterpolator(before, np.where(holes, 0.0, values), axis=0)
+    moved: FloatArray = spline(after)
     if holes.any():
         # A cubic uses two samples on either side.
-        flat = holes.reshape(len(before), -1)
-        wide = flat.copy()
-        for shift in (1, 2):
-            wide[shift:] |= flat[:-shift]
-            wide[:-shift] |= flat[shift:]
+        wide = spread_bad(holes.reshape(len(before), -1), 2)
         places = np.clip(np.searchsorted(before, after), 0, len(before) - 1)
         moved[wide.reshape(holes.shape)[places]] = np.nan
     return np.ascontiguousarray(moved)
@@ -207,15 +202,14 @@ def plan_resampling(
 def resample_recording(recording: Recording, plan: Resampling) -> Recording:
     """Return the recording at even times, with a warning where samples were left out."""
     moved = replace(change_channels(recording, plan.move), time=plan.after, extras={})
-    notices = recording.notices
     lost = float(np.ptp(recording.time) - np.ptp(plan.after))
-    if lost > _BRIDGED * recording.period:
-        text = (
-            f"{lost:.3g} s of the log are beyond a long gap and were left out: cut the log at its gaps into "
-            "files, which can be fitted together"
-        )
-        notices += (Notice(code="log.gap", text=text, file=recording.source),)
-    return replace(moved, notices=notices)
+    if lost <= _BRIDGED * recording.period:
+        return moved
+    text = (
+        f"{lost:.3g} s of the log are beyond a long gap and were left out: cut the log at its gaps into "
+        "files, which can be fitted together"
+    )
+    return add_notice(moved, "log.gap", text)
 
 
 def resample_log(
@@ -234,8 +228,6 @@ def resample_log(
     plan = plan or plan_resampling(time, file)
     stamps = raw.columns[names[0]]
     factor = float(np.ptp(stamps) / np.ptp(time))
-    columns = {
-        name: plan.move(values) if len(np.atleast_1d(values)) == len(time) else values
-        for name, values in raw.columns.items()
-    }
-    return replace(raw, columns={**columns, names[0]: plan.after * factor}), plan.notice
+    own = {name: part for name, part in raw.columns.items() if len(np.atleast_1d(part)) == len(time)}
+    moved = {name: plan.move(part) for name, part in own.items()}
+    return replace(raw, columns={**raw.columns, **moved, names[0]: plan.after * factor}), plan.notice

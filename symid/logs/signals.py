@@ -88,8 +88,7 @@ def differentiate(values: FloatArray, period: float) -> FloatArray:
 
     dx[k] = (x[k+1] - x[k-1]) / (2 T); `period` T in s.
     """
-    slope: FloatArray = np.gradient(values, period, axis=0)
-    return slope
+    return np.asarray(np.gradient(values, period, axis=0))
 
 
 def differentiate_smooth(values: FloatArray, period: float) -> FloatArray:
@@ -156,16 +155,13 @@ def mask_states(recording: Recording, processing: Processing) -> NDArray[np.bool
 
 
 def _describe_decimation(decimation: Decimation) -> _LowPass:
-    edge = decimation.band / decimation.factor
-    return _LowPass(
-        order=decimation.order, edge=edge, ripple_db=decimation.ripple_db, factor=decimation.factor
-    )
+    factor, ripple = decimation.factor, decimation.ripple_db
+    return _LowPass(order=decimation.order, edge=decimation.band / factor, ripple_db=ripple, factor=factor)
 
 
 def _filter_both_ways(kind: _LowPass, values: FloatArray) -> FloatArray:
     """Return what a filter keeps of `values` (N, ...), both ways; LogError if there are too few."""
-    samples = len(values)
-    pad = compute_pad_length(kind.order)
+    samples, pad = len(values), compute_pad_length(kind.order)
     if samples <= pad:
         text = f"{samples} samples are left to filter; order {kind.order} needs more than {pad}"
         raise LogError(Notice(code="log.too-short", text=text))
@@ -173,9 +169,8 @@ def _filter_both_ways(kind: _LowPass, values: FloatArray) -> FloatArray:
     kept, blocks = -(-len(values) // factor), _build_blocks(kind)
     if blocks is None:
         # SciPy loads this on first use, which takes longer than most filters run.
-        smooth = scipy.signal.sosfiltfilt(
-            _design_sections(kind).copy(), values, axis=0, padtype="odd", padlen=pad
-        )
+        sections = _design_sections(kind).copy()
+        smooth = scipy.signal.sosfiltfilt(sections, values, axis=0, padtype="odd", padlen=pad)
         first = factor - (factor * kept - len(values)) - 1
         return np.ascontiguousarray(smooth[first::factor])
     flat = np.asarray(values, dtype=np.float64).reshape(len(values), math.prod(values.shape[1:]))
@@ -396,8 +391,7 @@ def take_line_off(values: FloatArray) -> FloatArray:
     places = np.arange(len(values)) - 0.5 * (len(values) - 1)
     flat = values.reshape(len(values), -1)
     level, slope = flat.mean(axis=0), places @ flat / max(1.0, float(places @ places))
-    rest: FloatArray = flat - level - places[:, None] * slope
-    return rest.reshape(values.shape)
+    return np.asarray(flat - level - places[:, None] * slope).reshape(values.shape)
 
 
 def estimate_density(values: FloatArray, rate: float, length: int) -> tuple[FloatArray, FloatArray]:
@@ -465,28 +459,20 @@ def prepare_signals(recording: Recording, processing: Processing) -> Signals:
     )
 
 
-def choose_cutoff(band: float, rate: float) -> float:
-    """Return the position's cut-off in Hz for rows up to `band` Hz, to three digits; `rate` in Hz of samples.
-
-    Five times the band, so that it damps nothing that the rows keep, or 0.4 of the sample rate.
-    """
-    return float(f"{min(5.0 * band, 0.4 * rate):.3g}")
-
-
 def choose_processing(processing: Processing, period: float, row_rate: float = _ROW_RATE) -> Processing:
     """Return the settings with cut-off and decimation chosen for a sample `period` in s, where `automatic`.
 
-    Rows come at `row_rate` in Hz or a little less; the cut-off is that of the band that decimation keeps.
+    Rows come at `row_rate` in Hz or a little less; the cut-off, to three digits, is five times the band that
+    decimation keeps, so that it damps nothing of it, or 0.4 of the sample rate.
     """
     if not processing.automatic:
         return processing
-    rate = 1.0 / period
-    decimation = processing.decimation
+    rate, decimation = 1.0 / period, processing.decimation
     if decimation.factor == 1:
         # Periods have rounding errors.
         decimation = replace(decimation, factor=max(1, math.ceil(rate / row_rate - 1e-6)))
     kept = 0.5 * decimation.band * rate / decimation.factor
-    cutoff = processing.filter_cutoff or choose_cutoff(kept, rate)
+    cutoff = processing.filter_cutoff or float(f"{min(5.0 * kept, 0.4 * rate):.3g}")
     return replace(processing, filter_cutoff=cutoff, decimation=decimation, automatic=False)
 
 
@@ -517,7 +503,7 @@ def decimate_blocks(
         begin = max(0, first + factor * (start - reach))
         values = evaluate(slice(begin, first + factor * (last - 1) + 1))
         # One joint at a time: filters copy their input several times.
-        parts = [values] if values.ndim < 3 else [values[:, index] for index in range(values.shape[1])]
+        parts = np.moveaxis(values, 1, 0) if values.ndim > 2 else [values]
         rows = [decimate(part, decimation) for part in parts]
         away = last - len(rows[0])
         kept_rows = [part[start - away : stop - away] for part in rows]

@@ -19,25 +19,20 @@ Not supported: elastic joints; samples at uneven times.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
+from symid import logs
 from symid.arrays import FloatArray, freeze_fields
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice, UsageError
 from symid.identification.judge import numerics
 from symid.joint_models import compute_column_derivatives, get_law
-from symid.logs import (
-    Signals,
-    compute_noise_bandwidth,
-    decimate,
-    decimate_blocks,
-    mask_decimated,
-    mask_touched,
-)
+from symid.logs import Signals, mask_touched
 from symid.notation import join_name
 from symid.robot import Processing
 
@@ -59,10 +54,8 @@ class Windows:
 def choose_windows(samples: int, period: float, length: float, pieces: int = 1) -> Windows:
     """Return the windows of about `length / pieces` s that fit into so many samples, `period` s apart.
 
-    The number of intervals is the even one next to `length / pieces / period`, for Simpson's rule.
-
-    Raises:
-        UsageError: a window is shorter than two sample periods or longer than the log.
+    The number of intervals is the even one next to `length / pieces / period`, for Simpson's rule. A
+    UsageError where a window is shorter than two sample periods or longer than the log.
     """
     step = length / pieces
     intervals = 2 * round(step / (2.0 * period)) if step > 0.0 else 0
@@ -89,7 +82,7 @@ def _weigh_windows(values: FloatArray, windows: Windows, weights: FloatArray) ->
     """Return the sum of weights (w + 1,) times the samples of every window; windows share their ends."""
     w, count = windows.intervals, windows.count
     inner = values[: count * w].reshape(count, w, *values.shape[1:])
-    total: FloatArray = np.tensordot(inner, weights[:-1], axes=(1, 0))
+    total = np.tensordot(inner, weights[:-1], axes=(1, 0))
     return np.asarray(total + weights[-1] * values[windows.ends][1:])
 
 
@@ -130,15 +123,15 @@ def outline_part(
     `pieces` windows begin within the length `window` (s) of one.
     """
     if kind == "torque":
-        values, factor = decimate(signals.tau, processing.decimation), processing.decimation.factor
+        values, factor = logs.decimate(signals.tau, processing.decimation), processing.decimation.factor
         return EquationPart(
             matrix=np.empty((*values.shape, 0)),
             values=values,
             # Decimation keeps the last sample.
             time=signals.time[len(signals.time) - 1 - factor * (len(values) - 1) :: factor],
-            velocity=decimate(signals.dq, processing.decimation),
-            independent=compute_noise_bandwidth(processing, signals.period),
-            bad=None if signals.bad is None else mask_decimated(signals.bad, processing.decimation),
+            velocity=logs.decimate(signals.dq, processing.decimation),
+            independent=logs.compute_noise_bandwidth(processing, signals.period),
+            bad=None if signals.bad is None else logs.mask_decimated(signals.bad, processing.decimation),
         )
     windows = choose_windows(len(signals.time), signals.period, window, pieces)
     span = windows.intervals * windows.period * pieces
@@ -152,18 +145,18 @@ def cut_matrix(
 ) -> Iterator[tuple[slice, FloatArray]]:
     """Yield the matrix (k, n, p) of torque or momentum equations by blocks, with the rows of each."""
     if kind == "torque":
-        pick, count = signals.pick_states, len(signals.time)
-        blocks = decimate_blocks(
-            lambda part: evaluate_columns(library, *pick(part)), count, processing.decimation
-        )
-        yield from blocks
+
+        def evaluate(part: slice) -> FloatArray:
+            return evaluate_columns(library, *signals.pick_states(part))
+
+        yield from logs.decimate_blocks(evaluate, len(signals.time), processing.decimation)
         return
     windows = choose_windows(len(signals.time), signals.period, window, pieces)
     for rows, block, part in _cut_windows(windows, pieces):
         q, dq = signals.q[part], signals.dq[part]
         (momentum,) = library.evaluate("momentum_regressor", q[block.ends], dq[block.ends])
         (lagrange,) = library.evaluate("lagrange_regressor", q, dq)
-        friction = _evaluate_friction(library, *signals.pick_states(part))
+        friction = _evaluate_friction(library, signals.pick_states(part))
         matrix = integrate_windows(np.concatenate([-lagrange, *friction], axis=2), block)
         matrix[:, :, : momentum.shape[2]] += np.diff(momentum, axis=0)
         yield rows, _merge(matrix, pieces)
@@ -182,10 +175,10 @@ def evaluate_columns(  # noqa: PLR0917 - the states of a sample, in the order of
     result, count = np.empty((0, 0, 0)), len(q)
     for start in range(0, count, numerics.BLOCK):
         part = slice(start, start + numerics.BLOCK)
-        states = q[part], dq[part], ddq[part]
-        others = (None if entry is None else entry[part] for entry in (load, temperature))
-        columns = library.evaluate("torque_regressor", *states)
-        columns += _evaluate_friction(library, *states, *others)
+        force, warmth = (None if entry is None else entry[part] for entry in (load, temperature))
+        states = q[part], dq[part], ddq[part], force, warmth
+        columns = library.evaluate("torque_regressor", *states[:3])
+        columns += _evaluate_friction(library, states)
         if not start:
             result = np.empty((count, dq.shape[1], sum(entry.shape[2] for entry in columns)))
         np.concatenate(columns, axis=2, out=result[part])
@@ -202,7 +195,7 @@ def evaluate_torques(library: Library, signals: Signals, values: FloatArray) -> 
         part, place = slice(start, start + numerics.BLOCK), 0
         states = signals.pick_states(part)
         columns = library.evaluate("torque_regressor", *states[:3])
-        for entry in columns if rigid else (*columns, *_evaluate_friction(library, *states)):
+        for entry in columns if rigid else (*columns, *_evaluate_friction(library, states)):
             torques[part] += entry @ values[place : place + entry.shape[2]]
             place += entry.shape[2]
     return torques
@@ -228,7 +221,7 @@ def _build_energy_part(library: Library, signals: Signals, length: float, pieces
     for _, block, part in _cut_windows(windows, pieces):
         q, dq = signals.q[part], signals.dq[part]
         kinetic, potential = library.evaluate("energy_regressor", q[block.ends], dq[block.ends])
-        friction = _evaluate_friction(library, *signals.pick_states(part))
+        friction = _evaluate_friction(library, signals.pick_states(part))
         work = (integrate_windows(np.einsum("ij,ijk->ik", dq, one), block) for one in friction)
         matrix.append(_merge(np.hstack([np.diff(kinetic + potential, axis=0), *work]), pieces))
     power = np.einsum("ij,ij->i", signals.tau, signals.dq)
@@ -248,22 +241,22 @@ def _build_power_part(library: Library, signals: Signals, processing: Processing
         q, dq = signals.q[part], signals.dq[part]
         kinetic, potential = library.evaluate("energy_regressor", q, dq)
         energy = kinetic + potential
-        columns = _evaluate_friction(library, *signals.pick_states(part))
+        columns = _evaluate_friction(library, signals.pick_states(part))
         friction = (average(np.einsum("ij,ijk->ik", dq, one)) for one in columns)
         supplied = average(np.einsum("ij,ij->i", signals.tau[part], dq))
         return np.column_stack([(energy[2:] - energy[:-2]) / (2.0 * signals.period), *friction, supplied])
 
-    blocks = decimate_blocks(evaluate, len(signals.time) - 2, processing.decimation)
+    blocks = logs.decimate_blocks(evaluate, len(signals.time) - 2, processing.decimation)
     kept = np.vstack([rows for _, rows in blocks])
     factor = processing.decimation.factor
-    band = compute_noise_bandwidth(processing, signals.period)
+    band = logs.compute_noise_bandwidth(processing, signals.period)
     return EquationPart(
         matrix=kept[:, None, :-1],
         values=kept[:, -1:],
         time=signals.time[len(signals.time) - 2 - factor * (len(kept) - 1) : -1 : factor],
         velocity=np.zeros((len(kept), 1)),
         independent=band * 0.5 if factor == 1 else band,
-        bad=None if signals.bad is None else mask_decimated(signals.bad[1:-1], processing.decimation),
+        bad=None if signals.bad is None else logs.mask_decimated(signals.bad[1:-1], processing.decimation),
     )
 
 
@@ -288,7 +281,7 @@ def _build_filtered_part(library: Library, signals: Signals, length: float) -> E
         q, dq = signals.q[part], signals.dq[part]
         (lagrange,) = library.evaluate("lagrange_regressor", q, dq)
         (inner,) = library.evaluate("momentum_regressor", q, dq)
-        friction = _evaluate_friction(library, *signals.pick_states(part))
+        friction = _evaluate_friction(library, signals.pick_states(part))
         columns = np.concatenate([-lagrange - rate * inner, *friction], axis=2)
         steps, momentum = _weigh_windows(columns, block, weights), inner[block.ends]
         steps[:, :, : inner.shape[2]] += rate * (momentum[1:] - keep * momentum[:-1])
@@ -305,24 +298,17 @@ def _build_filtered_part(library: Library, signals: Signals, length: float) -> E
     )
 
 
-def _evaluate_friction(
-    library: Library,
-    q: FloatArray,
-    dq: FloatArray,
-    _ddq: FloatArray,
-    load: FloatArray | None,
-    temperature: FloatArray | None,
-) -> tuple[FloatArray, ...]:
+def _evaluate_friction(library: Library, states: logs.States) -> tuple[FloatArray, ...]:
     """Return the columns of friction, and sum_k c_k dPhi_k / ds (N, n, s) of searched shape values s."""
-    card = library.card
+    card, (q, dq, _, load, temperature) = library.card, states
     if not card.friction:
         return ()
     inputs = card.gather_friction_inputs(dq, q=q, load=load, temperature=temperature)
     columns = library.evaluate("friction_regressor", *inputs)
     if not card.searched:
         return columns
-    states = {"velocity": dq, "position": q, "load": load, "temperature": temperature}
-    given = {name: values for name, values in states.items() if values is not None}
+    named = {"velocity": dq, "position": q, "load": load, "temperature": temperature}
+    given = {name: values for name, values in named.items() if values is not None}
     found, place = np.zeros((*dq.shape, len(card.searched))), 0
     for joint, entry in enumerate(card.joints):
         shape = [one.value or 0.0 for one in card.searched if one.joint == entry.name]
@@ -341,18 +327,12 @@ def _evaluate_friction(
 def _merge(values: FloatArray, pieces: int) -> FloatArray:
     """Return sums of `pieces` neighbours (M, ...), one beginning at every entry."""
     count = len(values) - pieces + 1
-    total = values[:count].copy()
-    for shift in range(1, pieces):
-        total += values[shift : shift + count]
-    return total
+    return np.asarray(sum(values[shift : shift + count] for shift in range(pieces)))
 
 
 def _accumulate(steps: FloatArray, keep: float) -> FloatArray:
     """Return F_i = keep F_(i-1) + steps_i, from zero on."""
-    total = steps.copy()
-    for index in range(1, len(total)):
-        total[index] += keep * total[index - 1]
-    return total
+    return np.asarray(scipy.signal.lfilter([1.0], [1.0, -keep], steps, axis=0))
 
 
 ROW_KINDS = ("torque", "momentum", "filtered", "power", "energy")
@@ -380,8 +360,7 @@ class Rows:
         velocity: (m,) of the joint in rad/s or m/s; of a window its mean; 0 for scalar equations.
         names, units: of the p parameters; group_names, group_units, velocity_units: of the groups.
         independent: rows of independent noise that the rows are worth, as a fraction of them.
-        run: (m,) recording of a row, from zero; zero if not given.
-        weight: (m,) what the square of a row's residual counts for; one if not given.
+        run: (m,) recording of a row, from zero; weight: (m,) what the square of its residual counts for.
     """
 
     kind: str
@@ -396,19 +375,15 @@ class Rows:
     group_units: tuple[str, ...]
     velocity_units: tuple[str, ...]
     independent: float
+    run: NDArray[np.intp]
+    weight: FloatArray
     notices: tuple[Notice, ...] = ()
-    run: NDArray[np.intp] = field(default_factory=lambda: np.empty(0, dtype=np.intp))
-    weight: FloatArray = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
-        """Copy the arrays and make them read-only; fill in `run` and `weight`."""
-        count = len(self.values)
-        if len(self.weight) != count:
-            object.__setattr__(self, "weight", np.ones(count))
+        """Copy the arrays and make them read-only."""
         freeze_fields(self)
-        run = self.run if len(self.run) == count else np.zeros(count)
-        for name, given in (("group", self.group), ("run", run)):
-            places = np.array(given, dtype=np.intp)
+        for name in ("group", "run"):
+            places = np.array(getattr(self, name), dtype=np.intp)
             places.setflags(write=False)
             object.__setattr__(self, name, places)
 
@@ -426,10 +401,8 @@ def build_rows(
 
     `kind` is one of `ROW_KINDS`; `signals` are at full rate: torque and power rows are decimated. Windows of
     momentum, filtered and energy rows have the length `window` in s; those of momentum and energy share the
-    part `overlap`, of which the nearest of 0, 1/2, 2/3, 3/4 and so on is taken.
-
-    Raises:
-        UsageError: there is no such kind, the windows do not fit into the log, or the overlap is no part.
+    part `overlap`, of which the nearest of 0, 1/2, 2/3, 3/4 and so on is taken. A UsageError where there is
+    no such kind, windows do not fit into the log, or the overlap is no part.
     """
     if kind not in ROW_KINDS:
         text = f"rows {kind!r}: unknown; choose one of {', '.join(ROW_KINDS)}"
@@ -480,6 +453,8 @@ def assemble_rows(kind: str, card: ModelCard, part: EquationPart) -> Rows:
         group_units=units,
         velocity_units=velocity_units,
         independent=part.independent,
+        run=np.zeros(part.values.size, dtype=np.intp),
+        weight=np.ones(part.values.size),
         notices=warn_of_energy(card.size, kind) if kind in SCALAR_KINDS else (),
     )
     if part.bad is None or not part.bad.any():

@@ -91,18 +91,15 @@ def condense_weighted(rows: Rows, weight: FloatArray) -> Condensed:
     groups, size = len(rows.group_names), rows.matrix.shape[1] + 1
     factors = np.zeros((groups, size, size))
     counts = np.bincount(rows.group[weight != 0.0], minlength=groups).astype(np.intp)
-    root = None if np.all(weight == 1.0) else np.sqrt(weight)
+    root = np.sqrt(weight)[:, None]
     for index in range(groups):
         places = np.flatnonzero(rows.group == index)
         # Rows that stand together are taken as a slice, which copies nothing.
         together = len(places) and places[-1] - places[0] + 1 == len(places)
         members = slice(int(places[0]), int(places[-1]) + 1) if together else places
-        matrix, values = rows.matrix[members], rows.values[members]
+        matrix, values, scales = rows.matrix[members], rows.values[members], root[members]
         parts = (slice(start, start + BLOCK) for start in range(0, len(values), BLOCK))
-        blocks = (np.column_stack([matrix[part], values[part]]) for part in parts)
-        if root is not None:
-            scales = root[members, None]
-            blocks = (block * scales[k * BLOCK : (k + 1) * BLOCK] for k, block in enumerate(blocks))
+        blocks = (np.column_stack([matrix[part], values[part]]) * scales[part] for part in parts)
         factors[index] = extend_triangle(factors[index], blocks)
     return Condensed(factors=freeze(factors), counts=counts, independent=rows.independent)
 
@@ -153,8 +150,7 @@ JOINT_AT_REST = "identify.joint-at-rest"
 def compute_inverse_root(design: FloatArray) -> FloatArray:
     """Return V S^-1 of the singular value decomposition of F (m, r), so that its square is (F'F)^-1."""
     _, singular, directions = np.linalg.svd(compute_triangle(design), full_matrices=False)
-    root: FloatArray = directions.T / singular
-    return root
+    return np.asarray(directions.T / singular)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -264,11 +260,7 @@ def solve_scaled(
 
 
 def analyse_identifiability(rows: Rows, rule: RankRule | None = None) -> Identifiability:
-    """Return which parameters are identifiable from `rows`.
-
-    Raises:
-        IdentifiabilityError: none, or fewer than the rule wants, or there are not more rows than parameters.
-    """
+    """Return which parameters are identifiable from `rows`; an IdentifiabilityError for too few."""
     rule = rule or RankRule()
     if not len(rows.values):
         text = (
@@ -350,9 +342,8 @@ def analyse_condensed(
 
 def _refuse_all(reasons: str = "") -> IdentifiabilityError:
     text = f"no parameter is identifiable from this log{f' ({reasons})' if reasons else ''}"
-    return IdentifiabilityError(
-        Notice(code="identify.nothing", text=f"{text}: record a log in which the joints move")
-    )
+    text = f"{text}: record a log in which the joints move"
+    return IdentifiabilityError(Notice(code="identify.nothing", text=text))
 
 
 def list_resting_joints(recording: Recording) -> tuple[int, ...]:

@@ -23,21 +23,21 @@ Segments begin wherever a block of `compute_block_deviations` or a run begins.
 
 Supported: several recordings (the best of them counts for each joint); encoders with white noise,
 quantisation included; known payloads, whose torque Y dbeta is subtracted; joints at rest, whose rows are
-left out where dry friction or a brake may hold them; long logs of torque and momentum rows, with an
-equation or more of every joint in every block.
+left out where dry friction or a brake may hold them; long logs of torque and momentum rows.
 Not supported: a filter for each joint (columns of all joints share one equation); positions that were
 filtered before they were logged, whose noise is underestimated; payloads of simulated robots; long logs of
 power and energy rows, whose covariance needs every row.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from symid import logs
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, LogError, Notice
@@ -51,15 +51,7 @@ from symid.identification.regression.identifiability import (
     hold_resting_joints,
     list_resting_joints,
 )
-from symid.logs import (
-    Recording,
-    Signals,
-    choose_cutoff,
-    choose_processing,
-    decimate,
-    estimate_density,
-    prepare_signals,
-)
+from symid.logs import Recording, Signals
 from symid.robot import Processing, Robot
 
 
@@ -77,7 +69,7 @@ def measure_bands(recording: Recording) -> tuple[JointBand, ...]:
     """Return noise and clean band of every joint of a recording."""
     rate = 1.0 / recording.period
     length = min(len(recording.time), max(64, round(2.0 * rate)))
-    frequency, density = estimate_density(recording.position, rate, length)
+    frequency, density = logs.estimate_density(recording.position, rate, length)
     frequency, steep = frequency[1:], (2.0 * np.pi * frequency[1:]) ** 4
     bands = []
     for column in density[1:].T:
@@ -99,10 +91,9 @@ class FilterChoice(NamedTuple):
 def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> FilterChoice:
     """Return the processing with cut-off and decimation chosen, where it is `automatic`.
 
-    Raises:
-        LogError: there is something to choose, and the recordings are not sampled alike.
+    A LogError where there is something to choose, and the recordings are not sampled alike.
     """
-    usual = choose_processing(processing, recordings[0].period)
+    usual = logs.choose_processing(processing, recordings[0].period)
     if usual == processing:
         return FilterChoice(processing=processing)
     periods = [entry.period for entry in recordings]
@@ -121,25 +112,21 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
         for joint, entry in enumerate(measure_bands(recording)[: len(clean)]):
             if joint not in resting:
                 clean[joint] = max(clean[joint], entry.clean)
-    decimation = usual.decimation
-    kept = 0.5 * decimation.band * rate / decimation.factor
+    factor, whole = usual.decimation.factor, 0.5 * usual.decimation.band * rate
     # Robots move up to 5 Hz: these are always kept.
-    band = max(5.0, min([kept, *(limit for limit in clean if limit > 0.0)]))
+    band = max(5.0, min([whole / factor, *(limit for limit in clean if limit > 0.0)]))
     if processing.decimation.factor == 1:
-        factor = max(decimation.factor, math.floor(0.5 * decimation.band * rate / band))
-        decimation = replace(decimation, factor=factor)
-        kept = 0.5 * decimation.band * rate / factor
-    cutoff = processing.filter_cutoff or choose_cutoff(kept, rate)
-    noisy = decimation.factor > usual.decimation.factor
+        factor = max(factor, math.floor(whole / band))
+    chosen = logs.choose_processing(processing, recordings[0].period, rate / factor)
+    noisy = factor > usual.decimation.factor
     bands = ", ".join(f"{limit:.3g}" if limit else "-" for limit in clean)
     text = (
-        f"filter chosen from the logs: positions pass a low-pass at {cutoff:g} Hz, and one row in "
-        f"{decimation.factor} is kept (band up to {kept:.3g} Hz, limited by the "
+        f"filter chosen from the logs: positions pass a low-pass at {chosen.filter_cutoff:g} Hz, and one row "
+        f"in {factor} is kept (band up to {whole / factor:.3g} Hz, limited by the "
         f"{'noise' if noisy else 'rate'}; noise is below {100.0 * POLICY.relevance:g} % of the "
         f"accelerations up to {bands} Hz, joint by joint). To set them, state filter_cutoff and decimation "
         "under [processing]"
     )
-    chosen = replace(usual, filter_cutoff=cutoff, decimation=decimation)
     return FilterChoice(chosen, (Notice(code="identify.automatic", text=text),))
 
 
@@ -195,7 +182,7 @@ def fill_loads(
         cutoff = min(cutoff, float(np.median(clean))) if clean else cutoff
         whole = replace(processing, filter_cutoff=cutoff, drop_first=0, drop_last=0, automatic=False)
         resting = list_resting_joints(recording)
-        signals = hold_resting_joints(prepare_signals(replace(recording, load=None), whole), resting)
+        signals = hold_resting_joints(logs.prepare_signals(replace(recording, load=None), whole), resting)
         whole_beta = beta if payload is None else beta + payload
         (load,) = library.evaluate("inverse_dynamics", signals.q, signals.dq, signals.ddq, whole_beta)
         found.append(replace(recording, load=fill_load(recording.load, load, measured)))
@@ -335,12 +322,8 @@ def prepare_rows(
     """Return the equations of one recording: filter, differentiate, settle resting joints, build.
 
     What the processing leaves open is chosen from this recording; `windows` and other arguments are those of
-    `build_rows`. With `every` the rows of slow joints and of joints at rest stay.
-
-    Raises:
-        LogError: the recording has another number of joints than the robot.
-        IdentifiabilityError: no joint moves.
-        UsageError: there is no such kind of rows, or the windows do not fit.
+    `build_rows`. With `every` the rows of slow joints and of joints at rest stay. A LogError tells that the
+    recording has another number of joints than the robot, an IdentifiabilityError that no joint moves.
     """
     processing = choose_filters(processing, [recording]).processing if processing.automatic else processing
     signals = prepare_states(library, recording, processing)
@@ -362,7 +345,7 @@ def prepare_states(library: Library, recording: Recording, processing: Processin
         )
         notice = Notice(code="identify.standstill", text=text, file=recording.source)
         raise IdentifiabilityError(notice)
-    signals = hold_resting_joints(prepare_signals(recording, processing), resting)
+    signals = hold_resting_joints(logs.prepare_signals(recording, processing), resting)
     load = compute_payload_torque(library, signals, recording)
     return signals if load is None else replace(signals, tau=signals.tau - load)
 
@@ -374,11 +357,7 @@ STATES = 60
 def outline_motion(
     library: Library, recordings: Sequence[Recording], processing: Processing
 ) -> tuple[tuple[float, ...], ...]:
-    """Return states q, dq, ddq (`STATES`, 3 n) evenly spread over the recordings, with six digits.
-
-    Raises:
-        LogError, IdentifiabilityError: as for `prepare_rows`.
-    """
+    """Return states q, dq, ddq (`STATES`, 3 n) evenly spread over the recordings, with six digits."""
     used = choose_filters(processing, recordings).processing
     signals = [prepare_states(library, entry, used) for entry in recordings]
     whole = np.vstack([np.hstack([entry.q, entry.dq, entry.ddq]) for entry in signals])
@@ -410,11 +389,7 @@ def mask_fast(
                 for part in parts:
                     steps = np.diff(rows.time[part])
                     places = round(reach / float(np.median(steps))) if len(steps) else 0
-                    # How many slow ones there are before each row, and among its neighbours.
-                    before = np.concatenate([[0], np.cumsum(~fast[part])])
-                    index = np.arange(len(part))
-                    last, first = np.minimum(index + places + 1, len(part)), np.maximum(index - places, 0)
-                    slow[part] = before[last] > before[first]
+                    slow[part] = logs.spread_bad(~fast[part, None], places)[:, 0]
                 if np.sum(~slow[own]) >= least:
                     break
                 reach *= 0.5
@@ -431,13 +406,12 @@ def leave_out_rows(
     rows: equations.Rows, library: Library, recording: Recording, processing: Processing
 ) -> equations.Rows:
     """Leave out rows of slow joints, and of joints at rest that dry friction or a brake may hold."""
-    told = (
-        replace(one, file=recording.source) if one.code == equations.BAD_ROWS else one for one in rows.notices
-    )
+    file = recording.source
+    told = (replace(one, file=file) if one.code == equations.BAD_ROWS else one for one in rows.notices)
     rows = replace(rows, notices=tuple(told)) if rows.notices else rows
     if rows.kind in equations.SCALAR_KINDS:
         return rows
-    fast, slow = mask_fast(rows, rows.velocity, processing, recording.source)
+    fast, slow = mask_fast(rows, rows.velocity, processing, file)
     joints = library.card.joints
     held = [joint for joint in list_resting_joints(recording) if joints[joint].friction != "none"]
     if fast.all() and not held:
@@ -447,7 +421,7 @@ def leave_out_rows(
         "torque, so its rows were left out"
         for joint in held
     )
-    notices = (Notice(code=JOINT_AT_REST, text=text, file=recording.source) for text in texts)
+    notices = (Notice(code=JOINT_AT_REST, text=text, file=file) for text in texts)
     kept = equations.select_rows(rows, fast & ~np.isin(rows.group, held))
     return replace(kept, notices=(*rows.notices, *slow, *notices))
 
@@ -455,13 +429,13 @@ def leave_out_rows(
 def check_joints(library: Library, recordings: Sequence[Recording]) -> None:
     """Raise LogError for recordings of another number of joints than the robot has."""
     card = library.card
-    wrong = [recording for recording in recordings if recording.position.shape[1] != card.size]
-    texts = (
-        f"the log has {one.position.shape[1]} joints, robot {card.robot!r} has {card.size}" for one in wrong
-    )
-    if wrong:
-        pairs = zip(texts, wrong, strict=True)
-        raise LogError(*(Notice(code="log.joints", text=text, file=one.source) for text, one in pairs))
+    notices = []
+    for recording in recordings:
+        if (joints := recording.position.shape[1]) != card.size:
+            text = f"the log has {joints} joints, robot {card.robot!r} has {card.size}"
+            notices.append(Notice(code="log.joints", text=text, file=recording.source))
+    if notices:
+        raise LogError(*notices)
 
 
 LONG_KINDS = ("torque", "momentum")
@@ -472,11 +446,9 @@ BLOCKS = POLICY.folds * POLICY.parts
 class StatesKeeper:
     """Prepares the states of recordings, and keeps those of the last one: passes over a log share them."""
 
-    def __init__(self) -> None:
-        """Keep nothing yet."""
-        self._last: tuple[tuple[Library, Recording, Processing], Signals] | None = None
+    _last: tuple[tuple[Library, Recording, Processing], Signals] | None = None
 
-    def prepare(self, library: Library, recording: Recording, processing: Processing) -> Signals:
+    def __call__(self, library: Library, recording: Recording, processing: Processing) -> Signals:
         """Return the states as `prepare_states`, which reads no standstill speed."""
         wanted = library, recording, replace(processing, standstill=None)
         if self._last is None or self._last[0] != wanted:
@@ -487,22 +459,18 @@ class StatesKeeper:
 
 
 class RowBuilder(NamedTuple):
-    """How recordings become equations; `window` in s and `overlap` are of momentum rows.
-
-    `keeper` has the states that it prepared last; None to prepare them for every pass.
-    """
+    """How recordings become equations; `window` in s and `overlap` are of momentum rows."""
 
     kind: str
     library: Library
     processing: Processing
     window: float
     overlap: float
-    keeper: StatesKeeper | None = None
+    keeper: Callable[[Library, Recording, Processing], Signals] = prepare_states
 
     def prepare_states(self, recording: Recording) -> Signals:
         """Return the filtered states of a recording."""
-        prepare = prepare_states if self.keeper is None else self.keeper.prepare
-        return prepare(self.library, recording, self.processing)
+        return self.keeper(self.library, recording, self.processing)
 
     def prepare(self, recording: Recording) -> equations.Rows:
         """Return the equations of a recording, see `prepare_rows`."""
@@ -513,14 +481,12 @@ class RowBuilder(NamedTuple):
     def outline(self, recording: Recording) -> equations.Rows:
         """Return the equations of a recording with their places in time (m, 1), from zero, as matrix."""
         card, signals = self.library.card, self.prepare_states(recording)
-        part = equations.outline_part(
-            self.kind, signals, self.processing, self.window, equations.count_pieces(self.overlap)
-        )
+        pieces = equations.count_pieces(self.overlap)
+        part = equations.outline_part(self.kind, signals, self.processing, self.window, pieces)
         places = np.arange(len(part.values), dtype=np.float64)
         part = part._replace(matrix=np.tile(places[:, None, None], (1, card.size, 1)))
-        return leave_out_rows(
-            equations.assemble_rows(self.kind, card, part), self.library, recording, self.processing
-        )
+        rows = equations.assemble_rows(self.kind, card, part)
+        return leave_out_rows(rows, self.library, recording, self.processing)
 
     def cut(self, recording: Recording) -> Iterator[tuple[slice, FloatArray]]:
         """Yield the matrix (k, n, p) of a recording's equations by stretches of time, and their places."""
@@ -545,10 +511,8 @@ class LongRows:
 
     def condense(self) -> Condensed:
         """Return the condensed equations of all runs, weighed."""
-        groups, size = len(self.outline.group_names), self.triangles.shape[1]
-        owner, factors = self.outline.group[self.starts[:-1]], np.zeros((groups, size, size))
-        for group in range(groups):
-            factors[group] = self._join(owner == group)
+        groups, owner = len(self.outline.group_names), self.outline.group[self.starts[:-1]]
+        factors = np.array([self._join(owner == group) for group in range(groups)])
         counts = np.bincount(self.outline.group, minlength=groups).astype(np.intp)
         return Condensed(factors=factors, counts=counts, independent=self.outline.independent)
 
@@ -612,17 +576,14 @@ def condense_recordings(
         for part, matrix in maker.cut(recording):
             for joint, (places, time) in enumerate(zip(own, times, strict=True)):
                 low, high = np.searchsorted(time, [part.start, part.stop])
-                if high > low:
-                    chosen = places[low:high]
-                    columns = matrix[time[low:high] - part.start, joint]
-                    table = np.column_stack([columns, outline.values[chosen]])
-                    owner = np.searchsorted(starts, chosen, side="right") - 1
-                    for segment in range(int(owner[0]), int(owner[-1]) + 1):
-                        low, high = np.searchsorted(owner, [segment, segment + 1])
-                        blocks = (
-                            table[start : min(start + BLOCK, high)] for start in range(low, high, BLOCK)
-                        )
-                        triangles[segment] = extend_triangle(triangles[segment], blocks)
+                chosen = places[low:high]
+                columns = matrix[time[low:high] - part.start, joint]
+                table = np.column_stack([columns, outline.values[chosen]])
+                owner = np.searchsorted(starts, chosen, side="right") - 1
+                for segment in np.unique(owner):
+                    inside = table[owner == segment]
+                    blocks = (inside[start : start + BLOCK] for start in range(0, len(inside), BLOCK))
+                    triangles[segment] = extend_triangle(triangles[segment], blocks)
     return LongRows(outline=outline, triangles=triangles, starts=starts)
 
 
@@ -634,7 +595,7 @@ def predict_outlines(
     for run, recording in enumerate(recordings):
         if maker.kind == "torque":
             torques = equations.evaluate_torques(maker.library, maker.prepare_states(recording), values)
-            whole = decimate(torques, maker.processing.decimation)
+            whole = logs.decimate(torques, maker.processing.decimation)
         else:
             whole = np.concatenate([matrix @ values for _, matrix in maker.cut(recording)])
         for outline, found in zip(outlines, predicted, strict=True):

@@ -6,39 +6,27 @@ Robot whose file states the controller, its library, recordings with references 
     v[k]   = v[k-1] + b ((q[k] - q[k-1]) / T - v[k-1]),   b = 1 - exp(-2 pi f T)     velocity from differences
 
 v = dq[k] from a sensor, through the same low-pass; b = 1 without a filter. An unknown constant torque o is
-estimated from the recording, as the mean of its torque less the other terms at the measured positions. The
-simulation starts at the first measured position, with the velocity of the reference.
+the mean of the recording's torque less the other terms at the measured positions. A simulation starts at the
+first measured position, with the velocity of the reference.
 
     simulate   the robot with x_k under its controller: states q_s, torque tau_s
-    solve      equations made of what it did: x_(k+1)
+    solve      equations made of what it did: x_(k+1), half of the step where that cannot be simulated
     until x changes by a part of its standard deviation that does no harm (`POLICY.relevance`)
-
-Where the robot with x_(k+1) cannot be simulated, half of the step is taken, and half of that.
 
     output error   W (x_(k+1) - x_k) = tau - tau_s,   W = [Y | Yf](q_s, dq_s, ddq_s),  decimated alike
 
-The direct and inverse dynamic identification of Gautier, Janot and Vandanjon (2013, IEEE Transactions on
-Control Systems Technology 21(2)): where a controller tracks well, the simulated states hardly depend on x,
-so W is nearly the derivative of the simulated torque. No measured position enters but the first.
+(Gautier, Janot and Vandanjon 2013, IEEE Transactions on Control Systems Technology 21(2)). Where a controller
+tracks well, simulated states hardly depend on x, so W is nearly the derivative of the simulated torque.
 
     instrumental   x_(k+1) = (Z' W Y)^-1 Z' W tau,   Z from q_s and Y from q, processed exactly alike
 
-The generic instrumental variable approach of Janot, Vandanjon and Gautier (2014, IEEE Transactions on
-Control Systems Technology 22(1)). The simulated states are independent of the noise in Y: a wrong x_k or
-wrong gains make deviations larger, not the result wrong, as long as Z resembles Y. Simulated dry friction may
-change sign a sample earlier, and x by a part of its deviation: steps become shorter each time that changes
-are not halved.
-
-The iteration begins with an estimate given, with instruments along the references, or with a fit of torque
-rows by wls. The result states the controller and the distance of simulated and measured positions; where that
-is more than a good model leaves of the tracking error (`POLICY.good`), a warning says that the controller is
-another one. Instruments add a test of least squares for bias.
+(Janot, Vandanjon and Gautier 2014, IEEE Transactions on Control Systems Technology 22(1)). Simulated states
+are independent of the noise in Y: a wrong x_k makes deviations larger, not the result wrong.
 
 Supported: what `symid.robot.Controller` states; torque limits of the joints; friction that the plant of
 `simulation` has; several recordings, of unequal weight.
 Not supported: elastic joints; parameters of the controller, and which gain is wrong; controllers that run at
-another period than the log. With instruments, noise that does more than add to Y stays: in the sign of a slow
-velocity, in squares.
+another period than the log; noise that does more than add to Y.
 """
 
 import math
@@ -49,6 +37,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from symid import logs
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, ModelCard, RigidExperiment
 from symid.errors import IdentifiabilityError, Notice, SolverError, SymidError, UsageError
@@ -56,29 +45,16 @@ from symid.identification import diagnostics, estimators, regression
 from symid.identification.judge import POLICY, numerics
 from symid.identification.rigid.fit import build_estimate, identify_parameters
 from symid.identification.rigid.plan import INSTRUMENTAL
-from symid.logs import (
-    Recording,
-    Signals,
-    choose_processing,
-    decimate,
-    differentiate,
-    mask_decimated,
-    prepare_signals,
-)
+from symid.logs import Recording, Signals
 from symid.robot import Controller, Processing, Robot, list_controller
 from symid.simulation import RigidPlant, simulate_rigid_plant
 
 
 def set_card_values(card: ModelCard, values: FloatArray) -> ModelCard:
     """Return the card with `values` (p,), base parameters first, then friction, in SI units."""
-    split = len(card.beta)
-    beta = zip(card.beta, values[:split].tolist(), strict=True)
-    friction = zip(card.friction, values[split:].tolist(), strict=True)
-    return replace(
-        card,
-        beta=tuple(replace(entry, value=number) for entry, number in beta),
-        friction=tuple(replace(entry, value=number) for entry, number in friction),
-    )
+    pairs = zip((*card.beta, *card.friction), values.tolist(), strict=True)
+    valued, split = tuple(replace(entry, value=number) for entry, number in pairs), len(card.beta)
+    return replace(card, beta=valued[:split], friction=valued[split:])
 
 
 _FORGOTTEN = 10.0
@@ -110,13 +86,9 @@ class ClosedLoop(FrozenArrays):
 
 
 def build_closed_loop(recording: Recording, controller: Controller, limit: FloatArray) -> ClosedLoop:
-    """Return the controller of a recording that has its reference, with torque limits (n,) in N m or N.
+    """Return the controller of a recording with torque limits (n,) in N m or N, or raise `list_unusable`.
 
     A reference velocity that is not logged is differentiated.
-
-    Raises:
-        UsageError: the reference is missing, not finite, or of another motion; the loop is too slow for the
-            recording.
     """
     reference = recording.reference
     unusable = list_unusable(recording, controller)
@@ -125,7 +97,7 @@ def build_closed_loop(recording: Recording, controller: Controller, limit: Float
     speeds = np.zeros_like(reference)
     if controller.velocity == "error":
         known = recording.reference_velocity
-        speeds = differentiate(reference, recording.period) if known is None else known
+        speeds = logs.differentiate(reference, recording.period) if known is None else known
     loop = ClosedLoop(
         controller=controller,
         reference=reference,
@@ -137,9 +109,8 @@ def build_closed_loop(recording: Recording, controller: Controller, limit: Float
     if controller.offset is not None:
         return loop
     missing = recording.torque - compute_demand(loop, recording)
-    return replace(
-        loop, offset=missing[round(compute_settling(controller) / recording.period) :].mean(axis=0)
-    )
+    settled = round(compute_settling(controller) / recording.period)
+    return replace(loop, offset=missing[settled:].mean(axis=0))
 
 
 def list_unusable(recording: Recording, controller: Controller | None = None) -> tuple[Notice, ...]:
@@ -195,21 +166,16 @@ def compute_demand(loop: ClosedLoop, recording: Recording) -> FloatArray:
     """Return the torque (N, n) that the controller commands at the measured positions, as logged."""
     position, period, blend = recording.position, recording.period, loop.compute_blend(recording.period)
     if loop.controller.velocity_source == "sensor":
-        raw = differentiate(position, period)
+        raw = logs.differentiate(position, period)
     else:
         raw = np.diff(position, axis=0, prepend=2.0 * position[:1] - position[1:2]) / period
-    speeds = np.empty_like(raw)
-    speeds[0] = raw[0]
+    speeds = raw.copy()
     for k in range(1, len(raw)):
         speeds[k] = speeds[k - 1] + blend * (raw[k] - speeds[k - 1])
     gains = loop.controller
-    demand = (
-        loop.offset
-        + loop.feedforward
-        + np.array(gains.stiffness) * (loop.reference - position)
-        + np.array(gains.damping) * (loop.velocity - speeds)
-    )
-    return _log_torque(np.minimum(np.maximum(demand, -loop.limit), loop.limit), gains)
+    demand = loop.offset + loop.feedforward + np.array(gains.stiffness) * (loop.reference - position)
+    demand = demand + np.array(gains.damping) * (loop.velocity - speeds)
+    return _log_torque(np.clip(demand, -loop.limit, loop.limit), gains)
 
 
 def simulate_closed_loop(
@@ -217,13 +183,11 @@ def simulate_closed_loop(
 ) -> Signals:
     """Return states and logged torque of the controlled model with values (p,) at the times of a recording.
 
-    Raises:
-        UsageError: the model has friction that cannot be simulated.
-        SolverError: it runs away, or starts and stops without end.
+    A UsageError tells of friction that cannot be simulated, a SolverError that the model runs away.
     """
     valued = Library(set_card_values(library.card, values), library.engine)
     period, gains, known = recording.period, loop.controller, recording.reference_velocity
-    speed = differentiate(loop.reference, period)[0] if known is None else known[0]
+    speed = logs.differentiate(loop.reference, period)[0] if known is None else known[0]
     speed = np.where(np.abs(speed) > numerics.RANK * np.abs(loop.reference).max() / period, speed, 0.0)
     order = RigidExperiment(
         position=loop.reference,
@@ -256,7 +220,7 @@ def simulate_closed_loop(
         time=recording.time,
         q=log.q,
         dq=log.dq,
-        ddq=differentiate(log.dq, period),
+        ddq=logs.differentiate(log.dq, period),
         tau=_log_torque(log.torque, gains),
         period=period,
     )
@@ -282,8 +246,9 @@ class ClosedLoopProblem:
     Args:
         library: the robot's functions.
         recordings: at least one; loops: the controller of each.
-        processing: of the rows.
+        processing: of the rows, with nothing left open.
         weights: of each recording's squared residuals; one if None.
+        progress: is called with a line about each iteration.
     """
 
     library: Library
@@ -291,6 +256,8 @@ class ClosedLoopProblem:
     loops: Sequence[ClosedLoop]
     processing: Processing
     weights: Sequence[float] | None = None
+    rule: regression.RankRule | None = None
+    progress: Callable[[str], None] = lambda _: None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -316,12 +283,10 @@ class ClosedLoopFit:
     lag: FloatArray = field(default_factory=lambda: np.empty(0))
 
 
-def _iterate(
-    problem: ClosedLoopProblem,
-    start: Mapping[str, float],
-    solve: Callable[[FloatArray, Sequence[Signals]], ClosedLoopFit],
-    progress: Callable[[str], None],
-) -> ClosedLoopFit:
+Solve = Callable[[FloatArray, Sequence[Signals]], ClosedLoopFit]
+
+
+def _iterate(problem: ClosedLoopProblem, start: Mapping[str, float], solve: Solve) -> ClosedLoopFit:
     """Return the fit at which the iteration converges."""
     card = problem.library.card
     values = np.array([start[entry.name] for entry in (*card.beta, *card.friction)])
@@ -347,7 +312,8 @@ def _iterate(
         # A log without noise has no deviations.
         moved = learnable & (np.abs(step) > numerics.CONVERGED * np.abs(fit.values))
         changes.append(float(np.max(np.abs(step[moved]) / deviation[moved], initial=0.0)))
-        progress(f"simulation {len(changes)}: parameters change by {changes[-1]:.2g} standard deviations")
+        told = f"parameters change by {changes[-1]:.2g} standard deviations"
+        problem.progress(f"simulation {len(changes)}: {told}")
         # The choice among valid instruments changes the parameters too: steps become shorter each time that
         # changes are not halved.
         rising = sum(after > 0.5 * before for before, after in pairwise(changes))
@@ -381,7 +347,7 @@ def _iterate(
         kept = _select_compared(problem, recording, loop)
         measured = recording.position[kept]
         pair = np.hstack([run.q[kept] - measured, loop.reference[kept] - measured])
-        apart.append(decimate(pair, problem.processing.decimation))
+        apart.append(logs.decimate(pair, problem.processing.decimation))
     tracking, lag = np.split(np.sqrt(np.mean(np.vstack(apart) ** 2, axis=0)), 2)
     return replace(found, changes=tuple(changes), tracking=tracking, lag=lag)
 
@@ -398,28 +364,16 @@ def _simulate(problem: ClosedLoopProblem, values: FloatArray) -> list[Signals]:
     return [simulate_closed_loop(problem.library, values, recording, loop) for recording, loop in pairs]
 
 
-def fit_output_error(
-    problem: ClosedLoopProblem,
-    start: Mapping[str, float],
-    *,
-    rule: regression.RankRule | None = None,
-    progress: Callable[[str], None] = lambda _: None,
-) -> ClosedLoopFit:
+def fit_output_error(problem: ClosedLoopProblem, start: Mapping[str, float]) -> ClosedLoopFit:
     """Return the parameters whose simulated torque is nearest to the measured one; positions pass no filter.
 
-    `start` has all initial parameters, by name; `progress` is called with a line about each iteration.
-
-    Raises:
-        UsageError: the friction cannot be simulated.
-        SolverError: the simulated robot ran away, or the iteration did not converge.
-        IdentifiabilityError: no parameter is identifiable.
+    `start` has all initial parameters, by name.
     """
-    processing = choose_processing(problem.processing, problem.recordings[0].period)
-    problem = replace(problem, processing=replace(processing, filter_cutoff=None, filter_torque=False))
+    processing = replace(problem.processing, filter_cutoff=None, filter_torque=False)
+    library, problem = problem.library, replace(problem, processing=processing)
 
     def solve(values: FloatArray, runs: Sequence[Signals]) -> ClosedLoopFit:
         pairs: list[tuple[regression.Rows, regression.Rows]] = []
-        library, processing = problem.library, problem.processing
         for recording, loop, run in zip(problem.recordings, problem.loops, runs, strict=True):
             kept = _select_compared(problem, recording, loop)
             columns = {name: getattr(run, name)[kept] for name in ("time", "q", "dq", "ddq")}
@@ -427,10 +381,9 @@ def fit_output_error(
             signals = Signals(**columns, tau=recording.torque[kept], period=run.period, bad=bad)
             built = regression.build_rows("torque", library, signals, processing)
             beyond = regression.evaluate_torques(library, signals, values) - run.tau[kept]
-            excess = decimate(beyond, processing.decimation)
-            good = ~mask_decimated(
-                np.zeros(beyond.shape, bool) if bad is None else bad, processing.decimation
-            )
+            excess = logs.decimate(beyond, processing.decimation)
+            wrong = np.zeros(beyond.shape, bool) if bad is None else bad
+            good = ~logs.mask_decimated(wrong, processing.decimation)
             # A brake may hold a joint at rest: its torque contains no information.
             joints = library.card.joints
             held = tuple(j for j in regression.list_resting_joints(recording) if joints[j].friction != "none")
@@ -439,7 +392,7 @@ def fit_output_error(
         # With the measured torques, and with tau - tau_s + W x in their place.
         rows, shifted = (regression.stack_rows(parts, problem.weights) for parts in zip(*pairs, strict=True))
         try:
-            identifiability = regression.analyse_identifiability(shifted, rule)
+            identifiability = regression.analyse_identifiability(shifted, problem.rule)
         except IdentifiabilityError as error:
             text = (
                 "the simulated robot does not move enough: the reference of the log hardly moves, or the "
@@ -447,29 +400,18 @@ def fit_output_error(
             )
             blind = Notice(code="identify.blind-simulation", text=text)
             raise IdentifiabilityError(blind, *error.notices) from error
-        fit = estimators.fit_rows("wls", shifted, identifiability, problem.processing.noise_freedom)
+        fit = estimators.fit_rows("wls", shifted, identifiability, processing.noise_freedom)
         return ClosedLoopFit(fit=fit, identifiability=identifiability, rows=rows, simulated=rows)
 
-    return _iterate(problem, start, solve, progress)
+    return _iterate(problem, start, solve)
 
 
-def fit_instrumental(
-    problem: ClosedLoopProblem,
-    start: Mapping[str, float],
-    *,
-    rule: regression.RankRule | None = None,
-    progress: Callable[[str], None] = lambda _: None,
-) -> ClosedLoopFit:
+def fit_instrumental(problem: ClosedLoopProblem, start: Mapping[str, float]) -> ClosedLoopFit:
     """Return the parameters that explain the torque at the measured states, by instruments.
 
-    The processing is of measured and simulated positions alike; arguments and errors as for
-    `fit_output_error`.
-
-    Raises:
-        LogError: too few samples for the processing.
+    The processing is of measured and simulated positions alike; arguments as for `fit_output_error`.
     """
-    processing = choose_processing(problem.processing, problem.recordings[0].period)
-    problem = replace(problem, processing=processing)
+    freedom = problem.processing.noise_freedom
     # Once the problem has been checked; no iteration changes them.
     build = cache(lambda: _build_measured(problem))
 
@@ -477,7 +419,7 @@ def fit_instrumental(
         measured = build()
         rows = regression.stack_rows(measured, problem.weights)
         simulated = _build_beside(problem, [run.q for run in runs], measured)
-        found = estimators.fit_instruments(rows, simulated, rule, processing.noise_freedom)
+        found = estimators.fit_instruments(rows, simulated, problem.rule, freedom)
         return ClosedLoopFit(
             fit=found.fit,
             identifiability=found.identifiability,
@@ -486,7 +428,7 @@ def fit_instrumental(
             instrumental=found,
         )
 
-    return _iterate(problem, start, solve, progress)
+    return _iterate(problem, start, solve)
 
 
 def estimate_start(problem: ClosedLoopProblem) -> dict[str, float] | None:
@@ -494,14 +436,12 @@ def estimate_start(problem: ClosedLoopProblem) -> dict[str, float] | None:
 
     Nothing is simulated.
     """
-    processing = choose_processing(problem.processing, problem.recordings[0].period)
-    problem = replace(problem, processing=processing, weights=None)
+    problem, freedom = replace(problem, weights=None), problem.processing.noise_freedom
     measured = _build_measured(problem)
     beside = _build_beside(problem, [loop.reference for loop in problem.loops], measured)
+    rows = regression.stack_rows(measured)
     try:
-        found = estimators.fit_instruments(
-            regression.stack_rows(measured), beside, freedom=processing.noise_freedom
-        )
+        found = estimators.fit_instruments(rows, beside, freedom=freedom)
     except IdentifiabilityError:
         # References may stand still, or move together, where the logs do not.
         return None
@@ -511,16 +451,15 @@ def estimate_start(problem: ClosedLoopProblem) -> dict[str, float] | None:
 
 def _list_settings(problem: ClosedLoopProblem) -> list[tuple[Recording, Processing]]:
     """Return each recording, processed from where the initial state of the simulation has no effect."""
-    pairs = list(zip(problem.recordings, problem.loops, strict=True))
-    firsts = [_select_compared(problem, recording, loop).start for recording, loop in pairs]
-    settings = [replace(problem.processing, drop_first=first) for first in firsts]
-    return list(zip(problem.recordings, settings, strict=True))
+    return [
+        (recording, replace(problem.processing, drop_first=_select_compared(problem, recording, loop).start))
+        for recording, loop in zip(problem.recordings, problem.loops, strict=True)
+    ]
 
 
 def _build_measured(problem: ClosedLoopProblem) -> list[regression.Rows]:
     """Return the rows of each recording."""
-    library, pairs = problem.library, _list_settings(problem)
-    return [regression.prepare_rows("torque", library, *pair, window=regression.WINDOW) for pair in pairs]
+    return [regression.prepare_rows("torque", problem.library, *pair) for pair in _list_settings(problem)]
 
 
 def _build_beside(
@@ -530,7 +469,7 @@ def _build_beside(
     parts = []
     pairs = _list_settings(problem)
     for (recording, processing), position, rows in zip(pairs, positions, measured, strict=True):
-        signals = prepare_signals(replace(recording, position=position), processing)
+        signals = logs.prepare_signals(replace(recording, position=position), processing)
         signals = regression.hold_resting_joints(signals, regression.list_resting_joints(recording))
         whole = regression.build_rows("torque", problem.library, signals, processing)
         kept = np.zeros(len(whole.values), dtype=bool)
@@ -561,11 +500,6 @@ def identify_closed_loop(
     an estimate of the same model to begin with, None for a fit to the same recordings, and `start_name` its
     name in the result; `progress` is called with a line about each iteration, the others are as for
     `identify_parameters`.
-
-    Raises:
-        UsageError: no controller or reference, elastic joints, friction that cannot be simulated.
-        SolverError: the simulated robot ran away, or the iteration did not converge.
-        LogError, IdentifiabilityError: as `identify_parameters`.
     """
     controller = check_closed_loop(robot, recordings)
     limits = np.array([np.inf if axis.limits.torque is None else axis.limits.torque for axis in robot.axes])
@@ -579,6 +513,8 @@ def identify_closed_loop(
         loops=[build_closed_loop(recording, controller, limits) for recording in recordings],
         processing=filters.processing,
         weights=weights,
+        rule=rule,
+        progress=progress,
     )
     given, cards = start or first, (*library.card.beta, *library.card.friction)
     # What an estimate refuses is taken from the robot file, or is zero.
@@ -587,17 +523,17 @@ def identify_closed_loop(
     begun_with, instrumental = start_name or "torque rows by wls", estimator == INSTRUMENTAL
     if instrumental and start is None and (own := estimate_start(problem)) is not None:
         begun, begun_with = {**begun, **own}, "instruments along the references"
-    fit = fit_instrumental if instrumental else fit_output_error
-    found = fit(problem, begun, rule=rule, progress=progress)
+    found = (fit_instrumental if instrumental else fit_output_error)(problem, begun)
     verdict, warnings = _assess_instruments(found, problem)
     # Percent of the logged torque that the controller does not explain.
     thin, pairs = problem.processing.decimation, list(zip(problem.loops, recordings, strict=True))
-    missing = np.vstack([decimate(log.torque - compute_demand(loop, log), thin) for loop, log in pairs])
-    size = np.linalg.norm(np.vstack([decimate(log.torque, thin) for log in recordings]), axis=0)
+    missing = np.vstack([logs.decimate(log.torque - compute_demand(loop, log), thin) for loop, log in pairs])
+    size = np.linalg.norm(np.vstack([logs.decimate(log.torque, thin) for log in recordings]), axis=0)
     share = 100.0 * np.linalg.norm(missing, axis=0) / np.where(size > 0.0, size, 1.0)
     joints = zip(library.card.joints, found.tracking.tolist(), found.lag.tolist(), strict=True)
     stated = list_controller(controller)
     logged = all(recording.reference_velocity is not None for recording in problem.recordings)
+    velocity = "logged" if logged else "differentiated"
     report = {
         "start": begun_with,
         "iterations": len(found.changes),
@@ -618,12 +554,8 @@ def identify_closed_loop(
             "velocity_filter": controller.velocity_filter,
             "offset": [loop.offset.tolist() for loop in problem.loops],
             "offset_from": "log" if controller.offset is None else "robot file",
-            "reference_velocity": (
-                "none" if controller.velocity == "measured" else "logged" if logged else "differentiated"
-            ),
-            "torque_limit": [
-                entry if np.isfinite(entry) else None for entry in problem.loops[0].limit.tolist()
-            ],
+            "reference_velocity": "none" if controller.velocity == "measured" else velocity,
+            "torque_limit": [limit if np.isfinite(limit) else None for limit in limits.tolist()],
         },
         "controller_residual_percent": share.tolist(),
     }
@@ -665,11 +597,7 @@ def identify_closed_loop(
 
 
 def check_closed_loop(robot: Robot, recordings: Sequence[Recording]) -> Controller:
-    """Return the controller of a robot that can be simulated with it along the recordings.
-
-    Raises:
-        UsageError: the file states none, joints are elastic, or recordings have no reference.
-    """
+    """Return the controller of a robot; a UsageError says why it cannot be simulated along recordings."""
     problems = [notice for recording in recordings for notice in list_unusable(recording, robot.controller)]
     texts = []
     if any(robot.elastic):

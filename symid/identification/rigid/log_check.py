@@ -421,7 +421,7 @@ class LogsCheck:
 
 def summarise_log(recording: log_files.Recording, robot: Robot) -> CheckedLog:
     """Return the log without its faults, how it was sampled before, and what every joint does in it."""
-    even = log_files.repair_recording(recording, robot.axes).recording
+    even = log_files.repair_recording(recording, robot.axes)
     timing, joints = log_files.measure_timing(recording.time), log_files.summarise_joints(even, robot)
     return CheckedLog(recording=even, timing=timing, joints=joints)
 
@@ -464,7 +464,7 @@ def check_robot_logs(
         if isinstance(log, log_files.Recording) and not os.path.isfile(source):  # noqa: PTH113  any text may stand there
             text = "an evenly sampled copy is made of a log's file, and this log has none; save it first"
             raise UsageError(Notice(code="usage.no-file", text=text, file=log.source))
-        plan, *_ = log_files.choose_times(read[0]) or (None,)
+        plan = log_files.choose_times(read[0])
         raw, note = log_files.resample_log(log_files.read_raw(source), robot, str(source), plan)
         copy = log_files.write_raw_log(raw, output), note
         notices.append(note)

@@ -20,5 +20,7 @@ def make_rows(matrix, values, group=None, **fields):
         "group_units": ("N m",) * joints,
         "velocity_units": ("rad/s",) * joints,
         "independent": 1.0,
+        "run": np.zeros(count),
+        "weight": np.ones(count),
     }
     return Rows(matrix=matrix, values=values, group=group, **(usual | fields))

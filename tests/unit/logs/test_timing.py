@@ -43,7 +43,7 @@ def make_recording(time):
 
 
 def repair(log, make_robot):
-    return repair_recording(log, make_robot([JointKind.REVOLUTE] * log.position.shape[1]).axes).recording
+    return repair_recording(log, make_robot([JointKind.REVOLUTE] * log.position.shape[1]).axes)
 
 
 def test_resampling_says_what_it_did(make_robot):

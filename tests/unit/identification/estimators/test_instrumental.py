@@ -23,7 +23,7 @@ def make_pair(rng, states=0.0, torque=0.1, independent=1.0, weight=None):
     scatter = torque * np.repeat([1.0, 5.0], COUNT) * rng.normal(size=2 * COUNT)
     tau = clean @ TRUTH + scatter
     fields = {"time": np.tile(np.arange(COUNT, dtype=float), 2), "independent": independent}
-    fields |= {"weight": np.empty(0) if weight is None else weight}
+    fields |= {} if weight is None else {"weight": weight}
     return tuple(make_rows(part, tau, np.repeat([0, 1], COUNT), **fields) for part in (clean + noise, clean))
 
 

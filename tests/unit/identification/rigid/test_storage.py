@@ -7,7 +7,7 @@ import pytest
 from symid.environment import write_file
 from symid.errors import EstimateError, OutputError
 from symid.identification.rigid.fit import identify_parameters
-from symid.identification.stored import read_fit, write_fit
+from symid.identification.stored import read_fit, read_rigid, write_fit
 from symid.robot.description import Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
 from tests.refusals import raises
@@ -33,7 +33,7 @@ def spoil(folder, estimate, change):
 
 def test_an_estimate_is_read_as_it_was_written(tmp_path, estimate):
     path = write_fit(estimate, tmp_path / "estimate.json")
-    assert read_fit(path, LIBRARY.card) == estimate
+    assert read_rigid(path, LIBRARY.card) == estimate
     assert [entry.name for entry in tmp_path.iterdir()] == ["estimate.json"]
     assert write_fit(estimate, tmp_path / "b.json").read_bytes() == path.read_bytes()
     # Infinities survive as null.
@@ -112,7 +112,7 @@ def test_an_estimate_of_another_model_says_what_differs(tmp_path, estimate, chan
     card = replace(LIBRARY.card, signature="another", **change)
     path = write_fit(estimate, tmp_path / "estimate.json")
     with raises(EstimateError, "estimate.signature", match=message):
-        read_fit(path, card)
+        read_rigid(path, card)
 
 
 def nest(depth):
@@ -231,4 +231,4 @@ def test_parameters_that_are_not_the_models_are_refused(tmp_path, estimate):
         changed = replace(estimate, parameters=parameters, covariance=())
         path = write_fit(changed, tmp_path / "estimate.json")
         with raises(EstimateError, "estimate.parameters", match=message):
-            read_fit(path, LIBRARY.card)
+            read_rigid(path, LIBRARY.card)
