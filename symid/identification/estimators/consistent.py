@@ -28,15 +28,9 @@ import scipy
 from symid import dynamics
 from symid.arrays import FloatArray, FrozenArrays, freeze
 from symid.errors import Notice, SolverError, UsageError
+from symid.identification import regression
 from symid.identification.estimators.least_squares import RegressionFit, estimate_group_weights, fit_weighted
 from symid.identification.judge import POLICY, numerics
-from symid.identification.regression import (
-    Identifiability,
-    Rows,
-    condense_rows,
-    count_freedom,
-    stack_condensed,
-)
 from symid.joint_models import is_braking
 from symid.notation import INERTIAL
 from symid.robot import Robot, build_pseudo_inertias
@@ -184,7 +178,11 @@ class ConsistentSolution:
 
 
 def fit_consistent(
-    rows: Rows, identifiability: Identifiability, freedom: str = "band", *, bodies: Bodies | None
+    rows: regression.Rows,
+    identifiability: regression.Identifiability,
+    freedom: str = "band",
+    *,
+    bodies: Bodies | None,
 ) -> RegressionFit:
     """Return the fit of bodies that exist, as `fit_ols`.
 
@@ -197,12 +195,12 @@ def fit_consistent(
         raise UsageError(Notice(code="usage.no-bodies", text=text))
     weights = estimate_group_weights(rows, identifiability, freedom)
     free = fit_weighted(rows, identifiability, weights, freedom)
-    _, independent = count_freedom(freedom, free.spent, rows.independent)
+    _, independent = regression.count_freedom(freedom, free.spent, rows.independent)
     weighted = free.residuals * free.weights
     square = float(weighted @ weighted)
     spare = independent * (len(weighted) - float(free.spent.sum()))
     variance = max(square, 1e-18 * len(weighted)) / spare
-    triangle = stack_condensed(condense_rows(rows), weights) / np.sqrt(variance)
+    triangle = regression.stack_condensed(regression.condense_rows(rows), weights) / np.sqrt(variance)
     found = solve_consistent(triangle, free.values, bodies)
     residuals = rows.values - rows.matrix @ found.values
     growth = float(np.sum((residuals * free.weights) ** 2)) / max(square, numerics.TINY) - 1.0

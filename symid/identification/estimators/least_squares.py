@@ -42,19 +42,9 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, UsageError
+from symid.identification import regression
 from symid.identification.estimators.estimate import Residual
 from symid.identification.judge import POLICY, numerics
-from symid.identification.regression import (
-    SCALAR_KINDS,
-    Condensed,
-    Identifiability,
-    Rows,
-    compute_inverse_root,
-    compute_square_sums,
-    condense_rows,
-    count_freedom,
-    solve_condensed,
-)
 from symid.logs import Recording
 from symid.robot import Processing
 
@@ -84,7 +74,9 @@ class RegressionFit(FrozenArrays):
 
 
 def iterate_weights(
-    condensed: Condensed, solve: Callable[[FloatArray], tuple[FloatArray, FloatArray]], freedom: str
+    condensed: regression.Condensed,
+    solve: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
+    freedom: str,
 ) -> FloatArray:
     """Return the inverse scatter (g,) of every group's residuals in the fit that has these weights.
 
@@ -97,8 +89,8 @@ def iterate_weights(
     weights = np.ones(len(counts))
     for _ in range(numerics.ROUNDS):
         values, leverage = solve(weights)
-        spent, _ = count_freedom(freedom, leverage, condensed.independent)
-        scatter = _compute_scatter(compute_square_sums(condensed, values), counts, spent)
+        spent, _ = regression.count_freedom(freedom, leverage, condensed.independent)
+        scatter = _compute_scatter(regression.compute_square_sums(condensed, values), counts, spent)
         before, weights = weights, 1.0 / np.maximum(scatter, floor)
         if np.abs(weights / before - 1.0).max() < numerics.CONVERGED:
             break
@@ -113,12 +105,17 @@ def _compute_scatter(
     return np.asarray(np.sqrt(squares / spare))
 
 
-def _weigh_condensed(condensed: Condensed, basis: FloatArray, freedom: str) -> FloatArray:
-    return iterate_weights(condensed, lambda weights: solve_condensed(condensed, basis, weights)[:2], freedom)
+def _weigh_condensed(condensed: regression.Condensed, basis: FloatArray, freedom: str) -> FloatArray:
+    return iterate_weights(
+        condensed, lambda weights: regression.solve_condensed(condensed, basis, weights)[:2], freedom
+    )
 
 
 def fit_condensed(
-    condensed: Condensed, basis: FloatArray, weights: FloatArray | None = None, freedom: str = "band"
+    condensed: regression.Condensed,
+    basis: FloatArray,
+    weights: FloatArray | None = None,
+    freedom: str = "band",
 ) -> RegressionFit:
     """Return the fit of condensed rows in the observable directions `basis` (p, r), without residuals.
 
@@ -126,9 +123,9 @@ def fit_condensed(
     how the variance of the noise is estimated, see `Processing.noise_freedom`.
     """
     weights = _weigh_condensed(condensed, basis, freedom) if weights is None else weights
-    found = solve_condensed(condensed, basis, weights)
-    spent, independent = count_freedom(freedom, found.leverage, condensed.independent)
-    square = float(compute_square_sums(condensed, found.values) @ weights**2)
+    found = regression.solve_condensed(condensed, basis, weights)
+    spent, independent = regression.count_freedom(freedom, found.leverage, condensed.independent)
+    square = float(regression.compute_square_sums(condensed, found.values) @ weights**2)
     variance = square / (independent * float(condensed.counts.sum() - spent.sum()))
     return RegressionFit(
         values=found.values,
@@ -140,13 +137,17 @@ def fit_condensed(
     )
 
 
-def _compute_group_scatter(rows: Rows, residuals: FloatArray, spent: FloatArray | float) -> FloatArray:
+def _compute_group_scatter(
+    rows: regression.Rows, residuals: FloatArray, spent: FloatArray | float
+) -> FloatArray:
     own = [residuals[rows.group == index] for index in range(len(rows.group_names))]
     squares, counts = np.array([[part @ part, len(part)] for part in own]).T
     return _compute_scatter(squares, counts, spent)
 
 
-def compute_residuals(rows: Rows, residuals: FloatArray, spent: FloatArray | float) -> tuple[Residual, ...]:
+def compute_residuals(
+    rows: regression.Rows, residuals: FloatArray, spent: FloatArray | float
+) -> tuple[Residual, ...]:
     """Return norm, relative norm and scatter of residuals (m,) for every group that has rows.
 
     `spent` (g,) are the rows of each group that the fit takes, see `RegressionFit`.
@@ -161,41 +162,53 @@ def compute_residuals(rows: Rows, residuals: FloatArray, spent: FloatArray | flo
     )
 
 
-def fit_ols(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
+def fit_ols(
+    rows: regression.Rows, identifiability: regression.Identifiability, freedom: str = "band"
+) -> RegressionFit:
     """Return the ordinary least-squares fit; `freedom` as in `Processing.noise_freedom`."""
     return fit_weighted(rows, identifiability, np.ones(len(rows.group_names)), freedom)
 
 
-def fit_wls(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
+def fit_wls(
+    rows: regression.Rows, identifiability: regression.Identifiability, freedom: str = "band"
+) -> RegressionFit:
     """Return the fit with rows weighted by the inverse scatter of their joint; else as `fit_ols`."""
     return fit_weighted(rows, identifiability, None, freedom)
 
 
-def estimate_group_weights(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> FloatArray:
+def estimate_group_weights(
+    rows: regression.Rows, identifiability: regression.Identifiability, freedom: str = "band"
+) -> FloatArray:
     """Return the weights (g,) of `fit_wls`, the inverse scatter of every group's residuals."""
-    return _weigh_condensed(condense_rows(rows), identifiability.basis, freedom)
+    return _weigh_condensed(regression.condense_rows(rows), identifiability.basis, freedom)
 
 
 def fit_weighted(
-    rows: Rows, identifiability: Identifiability, weights: FloatArray | None, freedom: str = "band"
+    rows: regression.Rows,
+    identifiability: regression.Identifiability,
+    weights: FloatArray | None,
+    freedom: str = "band",
 ) -> RegressionFit:
     """Return the fit of rows in memory; else as `fit_condensed`."""
     basis = identifiability.basis
-    fit = fit_condensed(condense_rows(rows), basis, weights, freedom)
+    fit = fit_condensed(regression.condense_rows(rows), basis, weights, freedom)
     residuals = rows.values - rows.matrix @ fit.values
     fit = replace(fit, residuals=residuals, weights=fit.weights[rows.group] * np.sqrt(rows.weight))
-    if rows.kind not in SCALAR_KINDS:
+    if rows.kind not in regression.SCALAR_KINDS:
         return fit
     # B (F'F)^-1 F' diag(e_i^2 / (1 - h_i)^2) F (F'F)^-1 B' (HC3), h_i the leverage of row i, F = A B.
     found = measure_influence(rows, basis, fit.weights, residuals)
     spare = np.maximum(1.0 - np.sum(found.frame**2, axis=1), numerics.RANK)
     scores = found.scores * (found.residuals / spare)[:, None]
-    _, independent = count_freedom(freedom, fit.spent, rows.independent)
+    _, independent = regression.count_freedom(freedom, fit.spent, rows.independent)
     return replace(fit, covariance=found.left @ (scores.T @ scores) @ found.left.T / independent)
 
 
 def fit_gls(
-    rows: Rows, identifiability: Identifiability, freedom: str = "band", noise: FloatArray | None = None
+    rows: regression.Rows,
+    identifiability: regression.Identifiability,
+    freedom: str = "band",
+    noise: FloatArray | None = None,
 ) -> RegressionFit:
     """Return the fit with rows weighted by the covariance of their noise between joints; else as `fit_ols`.
 
@@ -217,7 +230,7 @@ def fit_gls(
     )
 
 
-def estimate_noise_covariance(rows: Rows, fit: RegressionFit) -> FloatArray:
+def estimate_noise_covariance(rows: regression.Rows, fit: RegressionFit) -> FloatArray:
     """Return the covariance (g, g) of residuals of different groups at the same time.
 
     From the times at which two groups both have rows. These differ from pair to pair; a matrix that is not
@@ -241,7 +254,7 @@ def estimate_noise_covariance(rows: Rows, fit: RegressionFit) -> FloatArray:
     return covariance
 
 
-def whiten_rows(rows: Rows, noise: FloatArray) -> Rows:
+def whiten_rows(rows: regression.Rows, noise: FloatArray) -> regression.Rows:
     """Return the rows of every time multiplied by L^-1, S = L L' (g, g): their noise is white then."""
     table = _arrange_by_time(rows)
     matrix, values = rows.matrix.copy(), rows.values.copy()
@@ -261,7 +274,7 @@ def whiten_rows(rows: Rows, noise: FloatArray) -> Rows:
     return replace(rows, matrix=matrix, values=values)
 
 
-def _arrange_by_time(rows: Rows) -> NDArray[np.intp]:
+def _arrange_by_time(rows: regression.Rows) -> NDArray[np.intp]:
     """Return the place (T, g) of every group's row at every time of every run, -1 where there is none."""
     order = np.lexsort((rows.time, rows.run))
     fresh = np.ones(len(order), dtype=bool)
@@ -340,19 +353,21 @@ class Influence:
     residuals: FloatArray
 
 
-def measure_influence(rows: Rows, basis: FloatArray, weights: FloatArray, residuals: FloatArray) -> Influence:
+def measure_influence(
+    rows: regression.Rows, basis: FloatArray, weights: FloatArray, residuals: FloatArray
+) -> Influence:
     """Return how rows act on a least-squares fit in the directions `basis` (p, r).
 
     `weights` (m,) are what the rows were multiplied by, `residuals` (m,) y - A x.
     """
     scores = (rows.matrix @ basis) * weights[:, None]
-    root = compute_inverse_root(scores)
+    root = regression.compute_inverse_root(scores)
     return Influence(
         left=basis @ root @ root.T, scores=scores, frame=scores @ root, residuals=residuals * weights
     )
 
 
-def compute_coloured_covariance(rows: Rows, influence: Influence) -> FloatArray:
+def compute_coloured_covariance(rows: regression.Rows, influence: Influence) -> FloatArray:
     """Return the covariance (p, p) of an estimate from torque rows (m of them, at even times)."""
     groups, rank = len(rows.group_names), influence.scores.shape[1]
     total = np.zeros((rank, rank))

@@ -35,16 +35,10 @@ from symid.arrays import FloatArray
 from symid.codegen import ModelCard
 from symid.errors import Notice, UsageError
 from symid.identification import regression
+from symid.identification.estimators import least_squares
 from symid.identification.estimators.consistent import Bodies, fit_consistent
 from symid.identification.estimators.estimate import Estimate
-from symid.identification.estimators.least_squares import (
-    RegressionFit,
-    estimate_group_weights,
-    fit_gls,
-    fit_ols,
-    fit_weighted,
-    fit_wls,
-)
+from symid.identification.estimators.least_squares import RegressionFit
 from symid.identification.judge import POLICY, numerics
 
 _SMALL = 0.1
@@ -120,8 +114,8 @@ def fit_ridge(
     if prior is None:
         text = "the estimator ridge needs a prior: the robot file's values, or an estimate"
         raise UsageError(Notice(code="usage.no-prior", text=text))
-    inverse_scatter = estimate_group_weights(rows, identifiability, freedom)
-    first = fit_weighted(rows, identifiability, inverse_scatter, freedom)
+    inverse_scatter = least_squares.estimate_group_weights(rows, identifiability, freedom)
+    first = least_squares.fit_weighted(rows, identifiability, inverse_scatter, freedom)
     _, independent = regression.count_freedom(freedom, first.spent, rows.independent)
     # Rows behind a filter count for as many as they are worth, next to the prior.
     inverse_scatter = inverse_scatter * np.sqrt(independent)
@@ -193,7 +187,7 @@ def fit_huber(
     rows: regression.Rows, identifiability: regression.Identifiability, freedom: str = "band"
 ) -> RegressionFit:
     """Return the robust fit; arguments as for `fit_ols`."""
-    first = fit_ols(rows, identifiability, freedom)
+    first = least_squares.fit_ols(rows, identifiability, freedom)
     basis, values, residuals = identifiability.basis, first.values, first.residuals
     scale, change, steps = _estimate_scale(rows, residuals), np.inf, 0
     # The scatter follows the residuals; where that does not end, it is held, so that the loss only falls.
@@ -255,7 +249,10 @@ def fit_sequential(
             f"{rows.kind} rows sum over the joints; for joint by joint use torque, momentum or filtered rows"
         )
         raise UsageError(Notice(code="usage.sequential-rows", text=text))
-    condensed, together = regression.condense_rows(rows), fit_wls(rows, identifiability, freedom)
+    condensed, together = (
+        regression.condense_rows(rows),
+        least_squares.fit_wls(rows, identifiability, freedom),
+    )
     _, independent = regression.count_freedom(freedom, together.spent, condensed.independent)
     count = len(rows.names)
     # Joint by joint its triangle, how many independent rows it has, and what counts as well determined.
@@ -265,7 +262,9 @@ def fit_sequential(
         if condensed.counts[joint]
     ]
     # What no joint determines well on its own.
-    whole = regression.stack_condensed(condensed, estimate_group_weights(rows, identifiability, freedom))
+    whole = regression.stack_condensed(
+        condensed, least_squares.estimate_group_weights(rows, identifiability, freedom)
+    )
     stages.append(("all together", whole, len(rows.values), 0.0))
     # x and its covariance so far, and the directions (p, k) that are still open.
     values, covariance, unknown = np.zeros(count), np.zeros((count, count)), identifiability.basis
@@ -310,9 +309,9 @@ class EstimatorOptions:
 
 
 ESTIMATORS: Mapping[str, Callable[..., RegressionFit]] = {
-    "ols": fit_ols,
-    "wls": fit_wls,
-    "gls": fit_gls,
+    "ols": least_squares.fit_ols,
+    "wls": least_squares.fit_wls,
+    "gls": least_squares.fit_gls,
     "huber": fit_huber,
     "ridge": fit_ridge,
     "consistent": fit_consistent,

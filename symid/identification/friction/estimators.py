@@ -35,7 +35,7 @@ def list_refusals(
     names = [*(entry.name for entry in law.physical), *samples.extra_names]
     refused: dict[str, str] = {}
     # What the motion lacks, and samples without the motion of noise.
-    rows = samples.build_rows().velocity
+    rows = samples.rows.velocity
     speeds, lacks, moved, cases = np.abs(rows[rows != 0.0]), list[str](), samples, [uncertainty]
     if joint_fit.is_one_sided(rows):
         direction = 1.0 if np.sum(rows > 0.0) > np.sum(rows < 0.0) else -1.0
@@ -99,7 +99,7 @@ def _refuse_shapes(problem: FrictionProblem, search: joint_fit.FrictionSearch) -
     freedom = max(len(problem.target) - len(law.physical) - len(samples.extra_names), 1)
     variance = search.objective / freedom
     unit = "m/s" if samples.prismatic else "rad/s"
-    slowest = float(np.min(np.abs(samples.build_rows().velocity)))
+    slowest = float(np.min(np.abs(samples.rows.velocity)))
     free = np.flatnonzero(problem.is_free).tolist()
     for place in free:
         entry, value = law.shape[place], float(search.shape[place])
@@ -155,7 +155,7 @@ def list_fit_notices(
     """Return the warnings of a fit; `held` is what `list_active_bounds` found."""
     law = problem.law
     found = [("refused", f"{name} is not identifiable: {reason}") for name, reason in refused.items()]
-    rows = problem.samples.build_rows().velocity
+    rows = problem.samples.rows.velocity
     if joint_fit.is_one_sided(rows):
         text = "the joint moves in one direction only: friction in the other direction is not identifiable"
         found.append(("one-direction", text))

@@ -36,14 +36,7 @@ from symid.errors import IdentifiabilityError, LogError, Notice
 from symid.identification import regression
 from symid.identification.friction.joint_fit import FrictionSamples, build_reduction
 from symid.identification.judge import POLICY, numerics
-from symid.logs import (
-    Recording,
-    Signals,
-    choose_processing,
-    mask_decimated,
-    mask_states,
-    prepare_signals,
-)
+from symid.logs import Recording, Signals, choose_processing, mask_decimated, mask_states, prepare_signals
 from symid.robot import Processing
 
 
@@ -426,7 +419,7 @@ def extract_joint(
         raise IdentifiabilityError(Notice(code="friction.at-rest", text=text))
     samples, sentence, count = _treat_rigid(logs, joint, chosen, beta)
     standstill, notices = logs.processing.get_standstill(joint), list[Notice]()
-    kept = ~(np.abs(samples.build_rows().velocity) < standstill)
+    kept = ~(np.abs(samples.rows.velocity) < standstill)
     if not kept.any():
         text = (
             f"joint {samples.joint!r}: every row is slower than processing.standstill = {standstill:g}; "

@@ -333,7 +333,7 @@ def _identify_joint(
     check_inputs(samples, law)
     if estimate is None or task.estimator != estimate.estimator or task.options.bounds:
         estimate = fit_friction(samples, law, estimator=task.estimator, options=task.options)
-    torque = samples.build_rows().torque
+    torque = samples.rows.torque
     left = torque - predict_rows(samples, law, estimate)
     residual = estimators.Residual.measure(samples.joint, left, torque, card.torque_unit, estimate.sigma)
     warnings = [*warn_of_friction_pattern(samples, law, estimate), *warn_of_inertia(estimate)]
@@ -471,7 +471,7 @@ def validate_friction(
         except IdentifiabilityError as error:
             lost += error.notices
             continue
-        rows, predicted = samples.build_rows(), predict_rows(samples, law, entry.estimate)
+        rows, predicted = samples.rows, predict_rows(samples, law, entry.estimate)
         torque = rows.torque[kept]
         residuals.append(
             estimators.Residual.measure(entry.joint, torque - predicted[kept], torque, entry.unit)
@@ -591,7 +591,7 @@ def _choose_rows(
     samples: joint_fit.FrictionSamples, entry: JointFriction, law: FrictionLaw, standstill: float
 ) -> tuple[NDArray[np.bool_], tuple[Notice, ...]]:
     """Return which rows are above standstill; of laws with refused parameters, within the speeds fitted."""
-    rows = samples.build_rows()
+    rows = samples.rows
     own = {parameter.name for parameter in law.physical}
     refused = [name for name, _ in entry.estimate.refused if name in own]
     known = np.concatenate([entry.velocity_map.velocity, entry.velocity_map.cloud_velocity])

@@ -64,7 +64,7 @@ def estimate_pattern_covariance(
 ) -> PatternCovariance:
     """Return the covariances of a fit of `law` to `samples`."""
     design = joint_fit.compute_sensitivities(samples, law, estimate.linear, estimate.shape)
-    rows = samples.build_rows()
+    rows = samples.rows
     error = rows.torque - predict_rows(samples, law, estimate)
     lengths = np.linalg.norm(design, axis=0)
     scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
@@ -261,7 +261,7 @@ def compare_poses(
             skipped.append((", ".join(pose.sources), "; ".join(entry.text for entry in error.notices)))
             continue
         covariance = estimate_pattern_covariance(samples, law, estimate)
-        speeds = np.abs(samples.build_rows().velocity)
+        speeds = np.abs(samples.rows.velocity)
         reach = float(np.quantile(speeds, 0.02)), float(speeds.max())
         deviations = compute_robust_deviations(samples, law, estimate, covariance)
         fits.append((estimate, deviations, covariance, reach))

@@ -20,26 +20,19 @@ from types import MappingProxyType
 import numpy as np
 import scipy
 
+from symid import joint_models
 from symid.arrays import FloatArray
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import ParameterEstimate
 from symid.identification.friction.joint_fit import FrictionRows, FrictionSamples, LawFit
 from symid.identification.judge import POLICY, numerics
 from symid.ipopt import Ending
-from symid.joint_models import (
-    DynamicLaw,
-    FrictionPath,
-    build_numpy_carrier,
-    compute_bristle_rate,
-    compute_torque_derivatives,
-    simulate_dynamic_friction,
-)
 
 LINEAR_PARAMETERS = ("sigma1", "fV")
 """Parameters that the torque is linear in; they may be zero, the others not."""
 
 
-def build_path(samples: FrictionSamples) -> FrictionPath:
+def build_path(samples: FrictionSamples) -> joint_models.FrictionPath:
     """Return the path of the samples: each recording of them begins with straight bristles."""
     run = samples.run
     if samples.position is None or run is None or not np.any(np.diff(samples.position)):
@@ -56,7 +49,7 @@ def build_path(samples: FrictionSamples) -> FrictionPath:
         raise UsageError(Notice(code="friction.presliding-time", text=text))
     moved = np.diff(samples.position, prepend=samples.position[:1])
     held = np.divide(moved, period, out=np.zeros_like(moved), where=period > 0)
-    return FrictionPath(held=held, velocity=samples.velocity, period=period, start=start)
+    return joint_models.FrictionPath(held=held, velocity=samples.velocity, period=period, start=start)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -67,8 +60,8 @@ class PreslidingProblem:
     """
 
     samples: FrictionSamples
-    law: DynamicLaw
-    path: FrictionPath
+    law: joint_models.DynamicLaw
+    path: joint_models.FrictionPath
     fixed: dict[str, float]
     rows: FrictionRows
 
@@ -94,12 +87,12 @@ class PreslidingProblem:
     def compute_residual(self, unknowns: FloatArray) -> FloatArray:
         """Return predicted less measured torque, (M,)."""
         values, other = self.split(unknowns)
-        torque = simulate_dynamic_friction(self.law, values, self.path).torque
+        torque = joint_models.simulate_dynamic_friction(self.law, values, self.path).torque
         return self.samples.pass_columns(torque[:, None])[:, 0] + self.rows.extra @ other - self.rows.torque
 
     def compute_columns(self, values: Sequence[float]) -> FloatArray:
         """Return the derivatives (M, p + k) by the free values themselves, and by c."""
-        columns = compute_torque_derivatives(self.law, values, self.path, self.free)
+        columns = joint_models.compute_torque_derivatives(self.law, values, self.path, self.free)
         return np.hstack([self.samples.pass_columns(columns), self.rows.extra])
 
     def compute_jacobian(self, unknowns: FloatArray) -> FloatArray:
@@ -121,9 +114,14 @@ class PreslidingEstimate(LawFit):
 def _solve_start(problem: PreslidingProblem, values: list[float]) -> tuple[float, FloatArray]:
     """Return J and unknowns for the ratios of `values`: fC, sigma1, fV and c by linear least squares."""
     law, names = problem.law, problem.law.names
-    states, velocity = simulate_dynamic_friction(law, values, problem.path).state, problem.path.velocity
+    states, velocity = (
+        joint_models.simulate_dynamic_friction(law, values, problem.path).state,
+        problem.path.velocity,
+    )
     numbers: list[FloatArray] = [np.asarray(value) for value in values]
-    rates = compute_bristle_rate(build_numpy_carrier(), law, velocity, states, numbers)
+    rates = joint_models.compute_bristle_rate(
+        joint_models.build_numpy_carrier(), law, velocity, states, numbers
+    )
     linear = [name for name in LINEAR_PARAMETERS if name in names and name not in problem.fixed]
     terms = {"sigma1": rates, "fV": velocity}
     own = np.column_stack([values[0] * states, *(terms[name] for name in linear)])
@@ -144,7 +142,7 @@ def _solve_start(problem: PreslidingProblem, values: list[float]) -> tuple[float
 
 def fit_presliding(
     samples: FrictionSamples,
-    law: DynamicLaw,
+    law: joint_models.DynamicLaw,
     *,
     fixed: Mapping[str, float] = MappingProxyType({"gamma": 2.0}),
 ) -> PreslidingEstimate:
@@ -159,7 +157,7 @@ def fit_presliding(
     if set(law.names) <= set(fixed):
         text = f"all parameters of {law.name!r} are fixed: leave some to be fitted"
         raise UsageError(Notice(code="friction.presliding-options", text=text))
-    rows = samples.build_rows()
+    rows = samples.rows
     count, unknowns = rows.extra.shape[0], sum(name not in fixed for name in law.names) + rows.extra.shape[1]
     if count <= unknowns:
         text = f"joint {samples.joint!r}: {count} rows are too few for {unknowns} unknowns of {law.name!r}"

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
+from symid.arrays import FloatArray, FrozenArrays, compute_triangle
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.friction.joint_fit import FrictionSamples, FrictionSearch, compute_sensitivities
 from symid.identification.judge import numerics
@@ -139,13 +139,13 @@ class FrictionProblem(FrozenArrays):
 
     def solve_beside(self, linear: Sequence[float] | FloatArray, shape: Sequence[float]) -> FloatArray:
         """Return the factors (k,) of the columns beside friction, of least norm in scaled columns."""
-        beside = decompose_beside(self.samples)
-        rest = self.samples.build_rows().torque - self.samples.pass_law(self.law, shape) @ np.asarray(linear)
+        beside = self.samples.beside
+        rest = self.samples.rows.torque - self.samples.pass_law(self.law, shape) @ np.asarray(linear)
         return np.asarray(beside.factors @ (beside.basis.T @ rest))
 
     def condense_sensitivities(self, linear: Sequence[float], shape: Sequence[float]) -> FloatArray:
         """Return p + s + r rows with the lengths and angles of the columns of `compute_sensitivities`."""
-        beside = decompose_beside(self.samples)
+        beside = self.samples.beside
         own = compute_sensitivities(self.samples, self.law, linear, shape)[:, : len(linear) + len(shape)]
         inside = beside.basis.T @ own
         rest = compute_triangle(own - beside.basis @ inside)
@@ -188,7 +188,7 @@ def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionO
     if not np.any(samples.velocity):
         text = f"joint {samples.joint!r} does not move: its friction is not identifiable"
         raise IdentifiabilityError(Notice(code="friction.rest", text=text))
-    target, basis = samples.build_rows().torque, decompose_beside(samples).basis
+    target, basis = samples.rows.torque, samples.beside.basis
     unknowns = len(law.linear) + len(law.shape) + samples.extra.shape[1]
     if len(target) <= unknowns:
         text = f"joint {samples.joint!r}: {len(target)} rows are too few for {unknowns} unknowns"
@@ -208,32 +208,6 @@ def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionO
         lower=np.maximum([entry.lower for entry in law.linear], -size),
         upper=np.minimum([entry.upper for entry in law.linear], size),
     )
-
-
-class Beside(NamedTuple):
-    """Of the columns beside friction behind R, X (M, k): a basis (M, r), X^+ = `factors` (k, r) basis'.
-
-    `parts` (r, k) is basis' X.
-    """
-
-    basis: FloatArray
-    factors: FloatArray
-    parts: FloatArray
-
-
-def decompose_beside(samples: FrictionSamples) -> Beside:
-    """Return what X spans, once for the same samples; X^+ is that of least norm in scaled columns."""
-    if "beside" not in samples.memory:
-        beside = samples.build_rows().extra
-        lengths = np.linalg.norm(beside, axis=0)
-        scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
-        left, singular, right = np.linalg.svd(beside * scales, full_matrices=False)
-        rank = int(np.sum(singular > numerics.RANK * singular.max(initial=0.0)))
-        factors = scales[:, None] * (right[:rank].T / singular[:rank])
-        parts = (singular[:rank, None] * right[:rank]) * lengths
-        samples.memory["beside"] = Beside(freeze(left[:, :rank]), freeze(factors), freeze(parts))
-    found: Beside = samples.memory["beside"]
-    return found
 
 
 def find_slowest(samples: FrictionSamples) -> float:

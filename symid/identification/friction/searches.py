@@ -312,7 +312,7 @@ def search_by_roots(problem: FrictionProblem, options: FrictionOptions) -> Frict
     free, mistakes = np.flatnonzero(problem.is_free), []
     if len(free) != 1:
         mistakes.append(f"one free shape value; law {problem.law.name!r} has {len(free)} here")
-    if not is_one_sided(problem.samples.build_rows().velocity):
+    if not is_one_sided(problem.samples.rows.velocity):
         mistakes.append("motion in one direction; these samples have both")
     if mistakes:
         texts = (f"root finding needs {text}: use the estimator 'varpro'" for text in mistakes)

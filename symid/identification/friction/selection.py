@@ -69,7 +69,7 @@ def predict_rows(
 ) -> FloatArray:
     """Return the torques (M,) in N m or N that an estimate predicts of the rows of `samples`."""
     friction = samples.pass_law(law, estimate.shape) @ np.asarray(estimate.linear)
-    return np.asarray(friction + samples.build_rows().extra @ np.asarray(estimate.other))
+    return np.asarray(friction + samples.rows.extra @ np.asarray(estimate.other))
 
 
 def measure_motion(
@@ -81,7 +81,7 @@ def measure_motion(
     kept: NDArray[np.bool_],
 ) -> MotionResidual:
     """Return the residual of all rows in motion, at reversal and at rest; those not `kept` (m,) too."""
-    rows = samples.build_rows()
+    rows = samples.rows
     errors = rows.torque - predict_rows(samples, law, estimate)
     phases = find_phases(rows.time, rows.velocity, rows.run)
     return MotionResidual.measure(samples.joint, unit, errors, phases, int(np.sum(~kept)))
@@ -91,7 +91,7 @@ def compute_relative_residual(
     samples: joint_fit.FrictionSamples, law: FrictionLaw, estimate: joint_fit.FrictionEstimate
 ) -> float:
     """Return the residual of an estimate on the rows of `samples`, in percent of their norm."""
-    torque = samples.build_rows().torque
+    torque = samples.rows.torque
     left = torque - predict_rows(samples, law, estimate)
     return 100.0 * float(np.linalg.norm(left) / np.linalg.norm(torque))
 
@@ -108,7 +108,7 @@ def select_law(
     `smoothing` is v0 in rad/s or m/s of all laws. Raises UsageError for an unknown law, IdentifiabilityError
     where no law can be fitted or there are too few rows to hold some out.
     """
-    options, rows = options or FrictionOptions(), samples.build_rows()
+    options, rows = options or FrictionOptions(), samples.rows
     parts, fold = cut_parts(rows)
     laws, failed = list[FrictionLaw](), list[LawTrial]()
     for law in [get_law(name, smoothing=smoothing) for name in names]:

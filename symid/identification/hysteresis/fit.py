@@ -27,21 +27,8 @@ from symid import joint_models
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle
 from symid.codegen import run_compiled_branch
 from symid.errors import Notice, UsageError
-from symid.identification.hysteresis import spring_fit
-from symid.identification.hysteresis.families import (
-    EXACT,
-    GRID,
-    SAMPLES,
-    STARTS,
-    BoucWenFamily,
-    ElementFamily,
-    ElementForm,
-    ElementPath,
-    NonlinearStops,
-    Stops,
-    list_added,
-    list_families,
-)
+from symid.identification.hysteresis import families, spring_fit
+from symid.identification.hysteresis.families import EXACT, GRID, SAMPLES, STARTS, ElementForm, ElementPath
 from symid.identification.judge import POLICY, compare, compute_changes, numerics
 from symid.notation import HYSTERESIS_MODELS
 from symid.options import HysteresisOptions
@@ -223,7 +210,11 @@ def _prepare(x: FloatArray, y: FloatArray, t: FloatArray | None) -> ElementData:
     """Return a recording with what the element remembered first, by stops and a curve."""
     check_recording(x, y, t)
     whole = ElementData(path=build_path(x, t), output=y, kept=np.ones(len(y), dtype=bool))
-    data, stops, errors = whole.thin(SAMPLES), Stops(count=GRID), list[FloatArray]()
+    data, stops, errors = (
+        whole.thin(SAMPLES),
+        families.Stops(count=GRID),
+        list[FloatArray](),
+    )
     x = data.path.position
     curve = np.clip((x[:, None] - x.min()) * GRID / np.ptp(x) - np.arange(GRID), 0.0, 1.0)
     for start in _STARTS:
@@ -477,7 +468,7 @@ def _fit_form(form: ElementForm, task: _Task, starts: Sequence[FloatArray]) -> _
     return chosen if chosen is trials[0] else _choose([chosen.refit(task), *trials])[0]
 
 
-def _refine_places(family: NonlinearStops, task: _Task) -> ElementForm:
+def _refine_places(family: families.NonlinearStops, task: _Task) -> ElementForm:
     """Return slip springs with the places that their force needs: of a fine grid, without useless ones."""
     path, fine = task.data.path, np.linspace(-1.0, 1.0, 2 * len(family.places) - 1)
     shape = _search(ElementForm(family=family), task, family.list_starts(path))
@@ -540,7 +531,7 @@ def _fit_spring(task: _Task, *, knees: bool) -> _ElementTrial:
         error=error,
         held=np.empty((0, jacobian.shape[1])),
     )
-    stops = ElementForm(family=Stops(count=len(found.thresholds), searched=True))
+    stops = ElementForm(family=families.Stops(count=len(found.thresholds), searched=True))
     return _ElementTrial(
         model=("modified-" if elasticity.knees else "") + "prandtl-ishlinskii",
         form="passive, thresholds from the data",
@@ -590,9 +581,9 @@ def _list_trials(task: _Task, model: str) -> list[_ElementTrial]:
             found += [spring] if name in {spring.model, model} else []
         if name == "prandtl-ishlinskii":
             found.append(_fit_spring(task, knees=False))
-        for family in list_families(name, task.data.path, timed=task.timed):
+        for family in families.list_families(name, task.data.path, timed=task.timed):
             form = ElementForm(family=family)
-            if isinstance(family, NonlinearStops):
+            if isinstance(family, families.NonlinearStops):
                 form = _refine_places(family, task)
             found.append(_fit_form(form, task, family.list_starts(task.data.path)))
     if task.passive:
@@ -610,11 +601,11 @@ def _extend(trial: _ElementTrial, task: _Task) -> list[_ElementTrial]:
     if source is None or shape is None:
         return []
     # Stops that a passive fit has placed stay springs.
-    springs = isinstance(source.family, Stops) and joint_models.is_passive_element(trial.elasticity)
+    springs = isinstance(source.family, families.Stops) and joint_models.is_passive_element(trial.elasticity)
     possible = {"backlash": not task.passive, "relaxation": task.timed}
     task, found = replace(task, passive=task.passive or springs), []
     for part in (name for name, allowed in possible.items() if allowed and name not in source.parts):
-        starts = [np.append(shape, value) for value in list_added(part, path)]
+        starts = [np.append(shape, value) for value in families.list_added(part, path)]
         added, others = (*source.added, part), [name for name in source.parts if name not in source.added]
         whole = replace(source, parts=(*added, *others))
         begun = min(starts, key=lambda start: float(np.sum(_compute_errors(whole, task, start) ** 2)))
@@ -838,15 +829,13 @@ def choose_spring(
     whole = ElementData(path=path, output=output, kept=kept)
     data = whole.thin(SAMPLES)
     task = _Task(data=data, passive=True, timed=True)
-    families: tuple[ElementFamily, ...] = (
-        Stops(count=0, name="linear"),
-        BoucWenFamily(),
-        BoucWenFamily(asymmetric=True),
-        Stops(count=GRID, name="stops"),
+    tried: tuple[families.ElementFamily, ...] = (
+        families.Stops(count=0, name="linear"),
+        families.BoucWenFamily(),
+        families.BoucWenFamily(asymmetric=True),
+        families.Stops(count=GRID, name="stops"),
     )
-    trials = [
-        _fit_form(ElementForm(family=family), task, family.list_starts(data.path)) for family in families
-    ]
+    trials = [_fit_form(ElementForm(family=family), task, family.list_starts(data.path)) for family in tried]
     # Along all samples: a thin path misses small reversals.
     predicted = replace(whole, output=predict_output(known, path)).thin(SAMPLES).counted
     # It was fitted to another torque, of nearly the same scale and zero.

@@ -40,19 +40,8 @@ from symid.errors import IdentifiabilityError, Notice
 from symid.identification.estimators import LawSelection, LawTrial
 from symid.identification.judge import POLICY, adjust_chances, compare, numerics
 from symid.identification.regression import Rotor, scale_products, warn_of_load_gain
-from symid.identification.rigid.friction_tables import (
-    JointTable,
-    Motion,
-    Node,
-    TangentLaw,
-    Wanted,
-    gather_inputs,
-    list_shape_nodes,
-    load_joints,
-    measure_gain,
-    prepare_motion,
-    tabulate_laws,
-)
+from symid.identification.rigid import friction_tables
+from symid.identification.rigid.friction_tables import JointTable, Node, TangentLaw, Wanted
 from symid.joint_models import NO_FRICTION, FrictionLaw, FrictionValues, compute_columns, get_law
 from symid.logs import Recording
 from symid.robot import Processing
@@ -368,7 +357,7 @@ class FrictionChoice:
 
     joints: tuple[JointLaw, ...]
     beta: FloatArray
-    motion: Motion
+    motion: friction_tables.Motion
     notices: tuple[Notice, ...] = ()
 
 
@@ -399,16 +388,20 @@ def choose_laws(
     Raises:
         IdentifiabilityError: a law that was named, or is kept, reads what the recordings do not have.
     """
-    motion = prepare_motion(library, recordings, processing, rotors=rotors)
+    motion = friction_tables.prepare_motion(library, recordings, processing, rotors=rotors)
     count = library.card.size
     wishes = wishes or (CANDIDATES,) * count
     plain: list[Wanted] = [[(get_law(PLAIN), ())]] * count
-    tables = tabulate_laws(motion, plain)
+    tables = friction_tables.tabulate_laws(motion, plain)
     # With fewer windows than parts to be scored, no law can be chosen.
     moving = [int(table.rows.sum()) >= POLICY.folds * POLICY.parts for table in tables]
     nodes = [table.nodes[0] for table in tables]
-    motion = load_joints(motion, _solve_shared(tables, nodes, _weigh(tables, nodes, np.ones(count))))
-    inputs = set.intersection(*(set(gather_inputs(one, slice(0, 1), 0)) for one in motion.signals))
+    motion = friction_tables.load_joints(
+        motion, _solve_shared(tables, nodes, _weigh(tables, nodes, np.ones(count)))
+    )
+    inputs = set.intersection(
+        *(set(friction_tables.gather_inputs(one, slice(0, 1), 0)) for one in motion.signals)
+    )
     lacking = []
     for card, wish in zip(library.card.joints, wishes, strict=True):
         name, *more = (wish.law,) if isinstance(wish, FrictionValues) else wish
@@ -429,8 +422,8 @@ def choose_laws(
     wanted = [_list_wanted(wish, gear, inputs, own) for wish, gear, own in calls]
 
     def tabulate(wanted: Sequence[Wanted], shared: FloatArray | None) -> list[JointTable]:
-        loaded = motion if shared is None else load_joints(motion, shared)
-        return tabulate_laws(loaded, wanted)
+        loaded = motion if shared is None else friction_tables.load_joints(motion, shared)
+        return friction_tables.tabulate_laws(loaded, wanted)
 
     search = search_laws(tabulate, wanted, speeds)
     found = []
@@ -451,7 +444,7 @@ def choose_laws(
             )
         found.append(JointLaw(joint=card.name, friction=friction, selection=selection))
     shared = _solve_shared(search.tables, search.nodes, search.weights)
-    motion = load_joints(motion, shared)
+    motion = friction_tables.load_joints(motion, shared)
     return FrictionChoice(
         joints=tuple(found),
         beta=shared[: len(library.card.beta)],
@@ -475,10 +468,12 @@ def _list_wanted(wish: Wish, gear: float, inputs: AbstractSet[str], speeds: Floa
         kinds = (f"position-{kind}-1,2x{abs(gear):.12g}" for kind in ("dependent", "torque"))
         names += [f"{name}{end}" for name in kinds for end in ("", "+offset")]
     laws = [law for law in map(get_law, names) if set(law.inputs) <= inputs]
-    return [(law, shape) for law in laws for shape in list_shape_nodes(law, speeds)]
+    return [(law, shape) for law in laws for shape in friction_tables.list_shape_nodes(law, speeds)]
 
 
-def _judge_loads(motion: Motion, laws: Sequence[JointLaw], nodes: Sequence[Node]) -> tuple[Notice, ...]:
+def _judge_loads(
+    motion: friction_tables.Motion, laws: Sequence[JointLaw], nodes: Sequence[Node]
+) -> tuple[Notice, ...]:
     """Return what was done with measured loads, and warnings where these have another gain."""
     judged = [k for k, law in enumerate(laws) if law.selection is not None and motion.measured[k]]
     if not judged:
@@ -491,7 +486,7 @@ def _judge_loads(motion: Motion, laws: Sequence[JointLaw], nodes: Sequence[Node]
     )
     found = [Notice(code="identify.measured-load", text=text)]
     for k in judged:
-        warnings = warn_of_load_gain(measure_gain(motion, k, nodes[k].law, nodes[k].shape))
+        warnings = warn_of_load_gain(friction_tables.measure_gain(motion, k, nodes[k].law, nodes[k].shape))
         found += [replace(one, text=f"joint {laws[k].joint!r}: {one.text}") for one in warnings]
     return tuple(found)
 
@@ -503,7 +498,7 @@ def compare_friction(choice: FrictionChoice, fitted: Mapping[str, FrictionValues
         friction = fitted[law.joint]
         if law.selection is None or not choice.motion.measured[k] or friction.values is None:
             continue
-        inputs = [gather_inputs(signals, slice(None), k) for signals in choice.motion.signals]
+        inputs = [friction_tables.gather_inputs(signals, slice(None), k) for signals in choice.motion.signals]
         own, whole = (
             np.concatenate([compute_columns(get_law(one.law), part, one.shape) for part in inputs])
             @ np.array(one.values)

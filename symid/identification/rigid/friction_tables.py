@@ -30,12 +30,7 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.identification import regression
 from symid.identification.judge import POLICY, numerics
-from symid.joint_models import (
-    FrictionLaw,
-    compute_column_derivatives,
-    compute_columns,
-    get_law,
-)
+from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_columns, get_law
 from symid.logs import Recording, Signals
 from symid.robot import Processing
 
@@ -290,10 +285,8 @@ def prepare_motion(
 def tabulate_laws(motion: Motion, wanted: Sequence[Wanted]) -> list[JointTable]:
     """Return the sums of products of all joints, each with all its nodes `wanted`."""
     first = slice(None)
-    tables = [
-        _list_columns(nodes, gather_inputs(motion.signals[0], first, joint))
-        for joint, nodes in enumerate(wanted)
-    ]
+    probe = motion.signals[0]
+    tables = [_list_columns(nodes, gather_inputs(probe, first, k)) for k, nodes in enumerate(wanted)]
     each = max(2, math.ceil(POLICY.folds / len(motion.signals)))
     grams: list[list[FloatArray]] = [[] for _ in wanted]
     counts: list[list[int]] = [[] for _ in wanted]
