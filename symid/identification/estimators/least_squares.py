@@ -6,35 +6,32 @@ Rows, or triangles of them, and what can be identified from them -> RegressionFi
     wls   min sum_j |A_j x - y_j|^2 / sigma_j^2,  sigma_j = |e_j| / sqrt(m_j - r_j / b) of its residuals e
     gls   min sum_t e_t' S^-1 e_t,  e_t = A_t x - y_t the residuals of all joints at one time
 
-By QR of A B, the columns of B the observable directions. b is the part of the rows that is independent after
-decimation, r_j = tr(A_j (A'A)^-1 A_j') of weighted rows the parameters that joint j determines, p in all: the
-weights are those of restricted maximum likelihood (Patterson and Thompson 1971, Biometrika 58; the iteration
-is that of Harville 1977), which no residual can make large that is small because parameters follow it. The
-covariance is s^2 (A'A)^-1 with s^2 = |e|^2 / (b m - p) of the weighted rows. The
-noise of an energy or power row grows with the speed in its window: there the covariance is HC3 (MacKinnon and
-White 1985). S (g, g) comes from the residuals of wls, or from P periods of N samples of a motion that repeats
-(Schoukens and Pintelon 2012):
+b is the part of the rows that is independent after decimation, r_j = tr(A_j (A'A)^-1 A_j') of weighted rows
+the parameters that joint j determines, p in all: the weights are those of restricted maximum likelihood
+(Patterson and Thompson 1971; Harville 1977), which no residual can make large that is small because
+parameters follow it. The covariance is s^2 (A'A)^-1, s^2 = |e|^2 / (b m - p) of the weighted rows; for energy
+and power rows, whose noise grows with the speed, HC3 (MacKinnon and White 1985). S (g, g) comes from the
+residuals of wls, or from P periods of N samples of a motion that repeats (Schoukens and Pintelon 2012):
 
     S = 1 / ((P - 1) N) sum over p, t of e_p(t) e_p(t)',   e_p = tau_p - mean over p of tau_p
 
-For residuals that are correlated in time and between joints the covariance is
+For residuals that are correlated in time and between joints
 
     x - x_true = L sum_i g_i e_i,     cov x = L [integral of G(f)^H S(f) G(f) df] L'
 
-G is the Fourier transform of the scores g (weighted columns, or instruments) of every joint along a log, S
-the spectral density of the weighted residuals e of all joints, from their cross periodograms through a lag
-window of Parzen (Priestley 1981, 6.2.3). A fit takes power out of its residuals where its columns have
-theirs: with h_j(f) = |Q_j(f)|^2 / N, Q orthonormal columns of the fit, the periodogram of joint j is divided
-by 1 - h_j(f), as HC2 divides squares of residuals by 1 - h_i (MacKinnon and White 1985).
+G is the Fourier transform of the scores g (weighted columns, or instruments), S the spectral density of the
+weighted residuals, from cross periodograms through a lag window of Parzen (Priestley 1981, 6.2.3). That of
+joint j is divided by 1 - h_j(f), h_j(f) = |Q_j(f)|^2 / N, Q orthonormal columns: what the fit takes of it.
 
 Supported: rank-deficient rows (unobservable directions stay at zero); runs of unequal weight; two or more
-whole periods, of any length in samples; joints without a row at some times (standstill).
+whole periods; joints without a row at some times.
 Not supported: noise whose size follows the motion, as errors of the model do (a jackknife holds for them);
 periodic motions that drift or start (cut these off, drop_first).
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -45,6 +42,7 @@ from symid.errors import Notice, UsageError
 from symid.identification import regression
 from symid.identification.estimators.estimate import Residual
 from symid.identification.judge import POLICY, numerics
+from symid.identification.regression import Condensed, Identifiability, Rows
 from symid.logs import Recording
 from symid.robot import Processing
 
@@ -74,9 +72,7 @@ class RegressionFit(FrozenArrays):
 
 
 def iterate_weights(
-    condensed: regression.Condensed,
-    solve: Callable[[FloatArray], tuple[FloatArray, FloatArray]],
-    freedom: str,
+    condensed: Condensed, solve: Callable[[FloatArray], tuple[FloatArray, FloatArray]], freedom: str
 ) -> FloatArray:
     """Return the inverse scatter (g,) of every group's residuals in the fit that has these weights.
 
@@ -105,17 +101,13 @@ def _compute_scatter(
     return np.asarray(np.sqrt(squares / spare))
 
 
-def _weigh_condensed(condensed: regression.Condensed, basis: FloatArray, freedom: str) -> FloatArray:
-    return iterate_weights(
-        condensed, lambda weights: regression.solve_condensed(condensed, basis, weights)[:2], freedom
-    )
+def _weigh_condensed(condensed: Condensed, basis: FloatArray, freedom: str) -> FloatArray:
+    solve = partial(regression.solve_condensed, condensed, basis)
+    return iterate_weights(condensed, lambda weights: solve(weights)[:2], freedom)
 
 
 def fit_condensed(
-    condensed: regression.Condensed,
-    basis: FloatArray,
-    weights: FloatArray | None = None,
-    freedom: str = "band",
+    condensed: Condensed, basis: FloatArray, weights: FloatArray | None = None, freedom: str = "band"
 ) -> RegressionFit:
     """Return the fit of condensed rows in the observable directions `basis` (p, r), without residuals.
 
@@ -137,17 +129,13 @@ def fit_condensed(
     )
 
 
-def _compute_group_scatter(
-    rows: regression.Rows, residuals: FloatArray, spent: FloatArray | float
-) -> FloatArray:
-    own = [residuals[rows.group == index] for index in range(len(rows.group_names))]
-    squares, counts = np.array([[part @ part, len(part)] for part in own]).T
+def _compute_group_scatter(rows: Rows, residuals: FloatArray, spent: FloatArray | float) -> FloatArray:
+    size = len(rows.group_names)
+    squares, counts = np.bincount(rows.group, residuals**2, size), np.bincount(rows.group, minlength=size)
     return _compute_scatter(squares, counts, spent)
 
 
-def compute_residuals(
-    rows: regression.Rows, residuals: FloatArray, spent: FloatArray | float
-) -> tuple[Residual, ...]:
+def compute_residuals(rows: Rows, residuals: FloatArray, spent: FloatArray | float) -> tuple[Residual, ...]:
     """Return norm, relative norm and scatter of residuals (m,) for every group that has rows.
 
     `spent` (g,) are the rows of each group that the fit takes, see `RegressionFit`.
@@ -162,32 +150,23 @@ def compute_residuals(
     )
 
 
-def fit_ols(
-    rows: regression.Rows, identifiability: regression.Identifiability, freedom: str = "band"
-) -> RegressionFit:
+def fit_ols(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
     """Return the ordinary least-squares fit; `freedom` as in `Processing.noise_freedom`."""
     return fit_weighted(rows, identifiability, np.ones(len(rows.group_names)), freedom)
 
 
-def fit_wls(
-    rows: regression.Rows, identifiability: regression.Identifiability, freedom: str = "band"
-) -> RegressionFit:
+def fit_wls(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
     """Return the fit with rows weighted by the inverse scatter of their joint; else as `fit_ols`."""
     return fit_weighted(rows, identifiability, None, freedom)
 
 
-def estimate_group_weights(
-    rows: regression.Rows, identifiability: regression.Identifiability, freedom: str = "band"
-) -> FloatArray:
+def estimate_group_weights(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> FloatArray:
     """Return the weights (g,) of `fit_wls`, the inverse scatter of every group's residuals."""
     return _weigh_condensed(regression.condense_rows(rows), identifiability.basis, freedom)
 
 
 def fit_weighted(
-    rows: regression.Rows,
-    identifiability: regression.Identifiability,
-    weights: FloatArray | None,
-    freedom: str = "band",
+    rows: Rows, identifiability: Identifiability, weights: FloatArray | None, freedom: str = "band"
 ) -> RegressionFit:
     """Return the fit of rows in memory; else as `fit_condensed`."""
     basis = identifiability.basis
@@ -205,10 +184,7 @@ def fit_weighted(
 
 
 def fit_gls(
-    rows: regression.Rows,
-    identifiability: regression.Identifiability,
-    freedom: str = "band",
-    noise: FloatArray | None = None,
+    rows: Rows, identifiability: Identifiability, freedom: str = "band", noise: FloatArray | None = None
 ) -> RegressionFit:
     """Return the fit with rows weighted by the covariance of their noise between joints; else as `fit_ols`.
 
@@ -230,12 +206,8 @@ def fit_gls(
     )
 
 
-def estimate_noise_covariance(rows: regression.Rows, fit: RegressionFit) -> FloatArray:
-    """Return the covariance (g, g) of residuals of different groups at the same time.
-
-    From the times at which two groups both have rows. These differ from pair to pair; a matrix that is not
-    positive definite for that reason is moved towards its diagonal until it is.
-    """
+def estimate_noise_covariance(rows: Rows, fit: RegressionFit) -> FloatArray:
+    """Return the covariance (g, g) of residuals of groups, from times at which both have rows."""
     table = _arrange_by_time(rows)
     scatter = _compute_group_scatter(rows, fit.residuals * np.sqrt(rows.weight), fit.spent)
     scatter = np.maximum(scatter, numerics.RANK * np.linalg.norm(rows.values) / np.sqrt(len(rows.values)))
@@ -246,15 +218,15 @@ def estimate_noise_covariance(rows: regression.Rows, fit: RegressionFit) -> Floa
     size = np.sqrt(np.maximum(np.diag(correlation), np.finfo(float).tiny))
     correlation = correlation / np.outer(size, size)
     np.fill_diagonal(correlation, 1.0)
+    # Times differ from pair to pair: a matrix that is not positive definite is moved towards its diagonal.
     least = float(np.linalg.eigvalsh(correlation)[0])
     if least < numerics.CONVERGED:
         share = (numerics.CONVERGED - least) / (1.0 - least)
         correlation = (1.0 - share) * correlation + share * np.eye(len(size))
-    covariance: FloatArray = correlation * np.outer(scatter, scatter)
-    return covariance
+    return np.asarray(correlation * np.outer(scatter, scatter))
 
 
-def whiten_rows(rows: regression.Rows, noise: FloatArray) -> regression.Rows:
+def whiten_rows(rows: Rows, noise: FloatArray) -> Rows:
     """Return the rows of every time multiplied by L^-1, S = L L' (g, g): their noise is white then."""
     table = _arrange_by_time(rows)
     matrix, values = rows.matrix.copy(), rows.values.copy()
@@ -266,23 +238,16 @@ def whiten_rows(rows: regression.Rows, noise: FloatArray) -> regression.Rows:
         values[places] = rows.values[places] @ inverse.T
         # Row by row of L^-1, so that no second copy of all equations is made.
         for k in range(len(groups)):
-            total = inverse[k, k] * rows.matrix[places[:, k]]
-            for i in range(k):
-                if inverse[k, i]:
-                    total += inverse[k, i] * rows.matrix[places[:, i]]
-            matrix[places[:, k]] = total
+            parts = (inverse[k, i] * rows.matrix[places[:, i]] for i in range(k + 1) if inverse[k, i])
+            matrix[places[:, k]] = sum(parts)
     return replace(rows, matrix=matrix, values=values)
 
 
-def _arrange_by_time(rows: regression.Rows) -> NDArray[np.intp]:
+def _arrange_by_time(rows: Rows) -> NDArray[np.intp]:
     """Return the place (T, g) of every group's row at every time of every run, -1 where there is none."""
-    order = np.lexsort((rows.time, rows.run))
-    fresh = np.ones(len(order), dtype=bool)
-    fresh[1:] = (np.diff(rows.run[order]) != 0) | (np.diff(rows.time[order]) != 0.0)
-    instant = np.empty(len(order), dtype=np.intp)
-    instant[order] = np.cumsum(fresh) - 1
-    table = np.full((int(fresh.sum()), len(rows.group_names)), -1, dtype=np.intp)
-    table[instant, rows.group] = np.arange(len(order))
+    instants, place = np.unique(np.stack([rows.run, rows.time]), axis=1, return_inverse=True)
+    table = np.full((instants.shape[1], len(rows.group_names)), -1, dtype=np.intp)
+    table[place.ravel(), rows.group] = np.arange(len(rows.time))
     return table
 
 
@@ -297,10 +262,10 @@ def estimate_period_noise(
         UsageError: a log holds less than two periods, the number of periods does not fit that of the logs, or
             the torque does not repeat.
     """
-    if len(periods) not in {1, len(recordings)}:
+    each = list(periods) * len(recordings) if len(periods) == 1 else list(periods)
+    if len(each) != len(recordings):
         text = f"{len(periods)} periods for {len(recordings)} logs: give one for all, or one for each"
         raise UsageError(Notice(code="usage.period", text=text))
-    each = list(periods) * len(recordings) if len(periods) == 1 else list(periods)
     size = recordings[0].torque.shape[1]
     total, freedom = np.zeros((size, size)), 0
     for recording, period in zip(recordings, each, strict=True):
@@ -342,9 +307,7 @@ _MOST_LEVERAGE = 0.9
 class Influence:
     """How rows act on an estimate: x - x_true = left @ scores' e for weighted residuals e.
 
-    Args:
-        left: (p, r); scores: (m, r); frame: (m, r) orthonormal columns that the fit takes from residuals.
-        residuals: (m,) weighted.
+    `left` is (p, r), `scores` (m, r), `frame` (m, r) orthonormal columns that the fit takes from residuals.
     """
 
     left: FloatArray
@@ -353,21 +316,18 @@ class Influence:
     residuals: FloatArray
 
 
-def measure_influence(
-    rows: regression.Rows, basis: FloatArray, weights: FloatArray, residuals: FloatArray
-) -> Influence:
+def measure_influence(rows: Rows, basis: FloatArray, weights: FloatArray, residuals: FloatArray) -> Influence:
     """Return how rows act on a least-squares fit in the directions `basis` (p, r).
 
     `weights` (m,) are what the rows were multiplied by, `residuals` (m,) y - A x.
     """
     scores = (rows.matrix @ basis) * weights[:, None]
     root = regression.compute_inverse_root(scores)
-    return Influence(
-        left=basis @ root @ root.T, scores=scores, frame=scores @ root, residuals=residuals * weights
-    )
+    frame, left = scores @ root, basis @ root @ root.T
+    return Influence(left=left, scores=scores, frame=frame, residuals=residuals * weights)
 
 
-def compute_coloured_covariance(rows: regression.Rows, influence: Influence) -> FloatArray:
+def compute_coloured_covariance(rows: Rows, influence: Influence) -> FloatArray:
     """Return the covariance (p, p) of an estimate from torque rows (m of them, at even times)."""
     groups, rank = len(rows.group_names), influence.scores.shape[1]
     total = np.zeros((rank, rank))
@@ -380,10 +340,8 @@ def compute_coloured_covariance(rows: regression.Rows, influence: Influence) -> 
         count = int(places.max()) + 1
         size = 2 * count
         table = np.zeros((count, groups, 2 * rank + 2))
-        table[places, rows.group[own], :rank] = influence.scores[own]
-        table[places, rows.group[own], rank:-2] = influence.frame[own]
-        table[places, rows.group[own], -2] = influence.residuals[own]
-        table[places, rows.group[own], -1] = 1.0
+        columns = (influence.scores[own], influence.frame[own], influence.residuals[own], np.ones(len(own)))
+        table[places, rows.group[own]] = np.column_stack(columns)
         waves = np.fft.rfft(table, n=size, axis=0)
         scores, frame, errors = waves[..., :rank], waves[..., rank:-2], waves[..., -2]
         there = np.maximum(table[..., -1].sum(axis=0), 1.0)
@@ -410,8 +368,7 @@ def compute_coloured_covariance(rows: regression.Rows, influence: Influence) -> 
         # Every frequency but the first and the last stands for its negative too.
         double = np.full(len(density), 2.0)
         double[[0, -1]] = 1.0
-        part = np.einsum(
-            "fjr,fjk,fks->rs", scores.conj() * double[:, None, None], density, scores, optimize=True
-        )
+        weighted = scores.conj() * double[:, None, None]
+        part = np.einsum("fjr,fjk,fks->rs", weighted, density, scores, optimize=True)
         total += part.real / size
     return np.asarray(influence.left @ total @ influence.left.T)

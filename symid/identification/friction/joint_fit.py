@@ -8,16 +8,12 @@ Arrays in SI units -> FrictionSamples -> FrictionRows, VelocityMap; samples and 
     AICc = M ln(J / M) + 2 k + 2 k (k + 1) / (M - k - 1)      Hurvich and Tsai, Biometrika 76 (1989) 297-307
     BIC  = M ln(J / M) + k ln M                               Schwarz, Ann. Statist. 6 (1978) 461-464
 
-R is a linear operator that the torque and all columns pass alike: a filter, a decimation, both. Rows are
-selected behind R, so that all have passed the same filter. Recordings are filtered one by one.
+R is a linear operator that the torque and all columns pass alike, recording by recording: a filter, a
+decimation, both. For white noise of known sigma the same F is the Cramer-Rao bound. In the criteria M is the
+number of rows, k that of the unknowns with the variance of the noise as one of them.
 
-For white noise of known sigma the same matrix F is the Cramer-Rao bound. In the criteria M is the number of
-rows, k that of the unknowns with the variance of the noise as one of them; a common constant is left out.
-
-Supported: velocity, load and position as inputs of a law; columns of known form beside friction; fixed shape
-values, dependent columns (a parameter with a part in the null space of F has no deviation).
 Not supported: several joints at once; R that depends on the values it acts on; maps over load or position;
-correlated noise behind R (see `poses`); time spent (equal fits are equal files).
+correlated noise behind R (see `poses`).
 """
 
 import math
@@ -145,7 +141,7 @@ class FrictionSamples:
     def beside(self) -> "Beside":
         """Return what X spans; X^+ is that of least norm in scaled columns."""
         lengths = np.linalg.norm(self.rows.extra, axis=0)
-        scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
+        scales = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
         left, singular, right = np.linalg.svd(self.rows.extra * scales, full_matrices=False)
         rank = int(np.sum(singular > numerics.RANK * singular.max(initial=0.0)))
         factors = scales[:, None] * (right[:rank].T / singular[:rank])
@@ -164,10 +160,7 @@ class FrictionRows(NamedTuple):
 
 
 class Beside(NamedTuple):
-    """Of the columns beside friction behind R, X (M, k): a basis (M, r), X^+ = `factors` (k, r) basis'.
-
-    `parts` (r, k) is basis' X.
-    """
+    """A basis (M, r) of the columns beside friction behind R, X; X^+ = factors basis', parts = basis' X."""
 
     basis: FloatArray
     factors: FloatArray
@@ -210,10 +203,7 @@ class VelocityMap(FrozenArrays):
 
 
 def compute_velocity_map(samples: FrictionSamples, other: FloatArray | tuple[float, ...] = ()) -> VelocityMap:
-    """Return the map of the torque less `other` (k,) times the columns beside friction.
-
-    At most twenty intervals of each direction have equal numbers of rows.
-    """
+    """Return the map, in intervals of equal numbers of rows, of the torque less `other` (k,) beside it."""
     rows = samples.rows
     torque = rows.torque - rows.extra @ np.asarray(other, dtype=np.float64)
     parts: list[tuple[Any, ...]] = []
@@ -313,10 +303,7 @@ class FrictionSearch(NamedTuple):
 
 
 def compute_criteria(objective: float, rows: int, unknowns: int) -> tuple[float, float]:
-    """Return AICc, infinite where there are too few rows, and BIC.
-
-    `objective` is J, `rows` M, `unknowns` what was fitted without the variance.
-    """
+    """Return AICc, infinite where there are too few rows, and BIC; `unknowns` is without the variance."""
     count = unknowns + 1
     likelihood = rows * math.log(max(objective, numerics.TINY) / rows)
     spare = rows - count - 1

@@ -44,8 +44,8 @@ class FrictionOptions:
         tolerance: relative, of the shape, of a root, of Ipopt on the scaled problem.
         iterations: of Ipopt from a start, generations of a stochastic search, at most.
         population: candidates per unknown of a stochastic search.
-        width: of the crossover, in standard deviations of the population; below 0.8 it converges too soon.
-        step: of the neighbours in simulated annealing, in the same unit.
+        width: of the crossover, and of a step to a neighbour in simulated annealing, in standard deviations
+            of the population; below 0.8 it converges too soon.
         cooling: factor of the temperature per generation; 0.95 takes half as many generations again.
     """
 
@@ -54,20 +54,17 @@ class FrictionOptions:
     seed: int = 0
     starts: int = 3
     solves: int = 150
-    tolerance: float = 1e-9
+    tolerance: float = numerics.RANK
     iterations: int = 400
     population: int = 16
     width: float = 0.95
-    step: float = 0.8
     cooling: float = 0.6
 
     def __post_init__(self) -> None:
         """Check all options; raises UsageError with all mistakes."""
-        mistakes = [
-            f"bounds of {name} ({low:g}, {high:g}): must be finite, the least first"
-            for name, (low, high) in self.bounds
-            if not -math.inf < low <= high < math.inf
-        ]
+        wrong = [(name, *pair) for name, pair in self.bounds if not -math.inf < pair[0] <= pair[1] < math.inf]
+        told = "must be finite, the least first"
+        mistakes = [f"bounds of {name} ({low:g}, {high:g}): {told}" for name, low, high in wrong]
         for entry in fields(self):
             value, part = getattr(self, entry.name), entry.name in {"tolerance", "cooling"}
             if entry.name not in {"bounds", "seed"} and not 0 < value < (1 if part else math.inf):
@@ -129,9 +126,10 @@ class FrictionProblem(FrozenArrays):
         return self.eliminate(self.samples.pass_law(self.law, shape))
 
     def compute_rates(self, shape: Sequence[float] | FloatArray, linear: FloatArray) -> FloatArray:
-        """Return the derivatives of Q_x Phi_R linear by the shape values: (M, s)."""
+        """Return the derivatives of Q_x Phi_R linear by the coordinates z: (M, s)."""
         rates = compute_column_derivatives(self.law, self.samples.inputs, [float(value) for value in shape])
-        return self.eliminate(self.samples.pass_columns(np.einsum("nps,p->ns", rates, linear)))
+        rates = self.eliminate(self.samples.pass_columns(np.einsum("nps,p->ns", rates, linear)))
+        return rates * np.where(self.is_logarithmic, shape, 1.0)
 
     def eliminate(self, columns: FloatArray) -> FloatArray:
         """Return columns behind R (M, c), or one of them (M,), less their parts in those beside friction."""
@@ -210,16 +208,6 @@ def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionO
     )
 
 
-def find_slowest(samples: FrictionSamples) -> float:
-    """Return the lowest speed, rad/s or m/s, that shape values can have: that of the fifth slowest sample.
-
-    Between 0.0001 and 0.01 of the top speed.
-    """
-    speeds = np.abs(samples.velocity)
-    place, fastest = min(4, len(speeds) - 1), float(speeds.max())
-    return min(max(float(np.partition(speeds, place)[place]), 1e-4 * fastest), 1e-2 * fastest)
-
-
 def _list_bounds(
     law: FrictionLaw, samples: FrictionSamples, options: FrictionOptions
 ) -> tuple[FloatArray, FloatArray]:
@@ -230,8 +218,10 @@ def _list_bounds(
         names = ", ".join(entry.name for entry in law.shape) or "none"
         text = f"bounds of {', '.join(unknown)}: unknown; the shape values of law {law.name!r} are {names}"
         raise UsageError(Notice(code="friction.bounds", text=text))
-    slow, fastest = find_slowest(samples), float(np.max(np.abs(samples.velocity)))
-    pairs = []
+    speeds = np.sort(np.abs(samples.velocity))
+    # The fifth slowest sample, or a part of the top speed.
+    fastest = float(speeds[-1])
+    slow, pairs = min(max(float(speeds[:5][-1]), 1e-4 * fastest), 1e-2 * fastest), []
     for entry in law.shape:
         low, high = entry.lower, entry.upper
         if entry.unit in SPEED_UNITS:
@@ -286,19 +276,13 @@ class Projector:
         basis = orthonormal @ left[:, :rank]
         parts = basis.T @ self.problem.target
         residual = self.problem.target - basis @ parts
-        return Projection(
-            z=self.problem.encode(shape),
-            shape=shape,
-            objective=float(residual @ residual),
-            residual=residual,
-            linear=(right[:rank].T @ (parts / singular[:rank])) / lengths,
-            basis=basis,
-        )
+        linear = (right[:rank].T @ (parts / singular[:rank])) / lengths
+        objective, z = float(residual @ residual), self.problem.encode(shape)
+        return Projection(z, shape, objective, residual, linear, basis)
 
     def compute_jacobian(self, state: Projection) -> FloatArray:
         """Return Kaufman's Jacobian by the coordinates z: (M, s)."""
         rates = self.problem.compute_rates(state.shape, state.linear)
-        rates = rates * np.where(self.problem.is_logarithmic, state.shape, 1.0)
         return np.asarray(state.basis @ (state.basis.T @ rates) - rates)
 
     def record(self, *states: Projection) -> None:
@@ -309,31 +293,17 @@ class Projector:
         self, state: Projection, outcome: Ending, ended: str, **settings: float
     ) -> FrictionSearch:
         """Return the end of a search at `state`."""
-        return FrictionSearch(
-            linear=tuple(state.linear.tolist()),
-            shape=tuple(state.shape.tolist()),
-            objective=state.objective,
-            evaluations=self.evaluations,
-            solves=self.solves,
-            iterations=len(self.history) - 1,
-            history=tuple(self.history),
-            outcome=outcome,
-            ended=ended,
-            settings=tuple(settings.items()),
-        )
+        values = tuple(state.linear.tolist()), tuple(state.shape.tolist()), state.objective
+        counts = self.evaluations, self.solves, len(self.history) - 1
+        return FrictionSearch(*values, *counts, tuple(self.history), outcome, ended, tuple(settings.items()))
 
     def compute_side_gain(self, state: Projection, place: int, side: float) -> float:
-        """Return how much less J would be at the least of its parabola on one side (+-1.0) of a shape value.
-
-        A kink of J has two slopes. Zero where J does not fall to that side, or the search ends there.
-        """
+        """Return how much less J is at the least of its parabola on one side (+-1.0) of a shape value."""
         z, (low, high) = np.array(state.z), self.problem.box
         z[place] += side * 1e-10
         if not low[place] <= z[place] <= high[place]:
             return 0.0
-        shape = self.problem.decode(z)
-        rate = self.problem.compute_rates(shape, state.linear)[:, place]
-        rate = rate * (shape[place] if self.problem.is_logarithmic[place] else 1.0)
+        rate = self.problem.compute_rates(self.problem.decode(z), state.linear)[:, place]
         rate = rate - state.basis @ (state.basis.T @ rate)
         fall, curved = 2.0 * side * float(rate @ state.residual), float(rate @ rate)
         return fall**2 / (4.0 * curved) if fall > 0.0 and curved > 0.0 else 0.0
