@@ -131,8 +131,8 @@ def fit_condensed(
 
 def _compute_group_scatter(rows: Rows, residuals: FloatArray, spent: FloatArray | float) -> FloatArray:
     size = len(rows.group_names)
-    squares, counts = np.bincount(rows.group, residuals**2, size), np.bincount(rows.group, minlength=size)
-    return _compute_scatter(squares, counts, spent)
+    squares = np.asarray(np.bincount(rows.group, residuals**2, size), dtype=np.float64)
+    return _compute_scatter(squares, np.bincount(rows.group, minlength=size), spent)
 
 
 def compute_residuals(rows: Rows, residuals: FloatArray, spent: FloatArray | float) -> tuple[Residual, ...]:

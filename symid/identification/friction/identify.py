@@ -187,7 +187,7 @@ class FrictionTask:
     estimator: str = "varpro"
     options: FrictionOptions = field(default_factory=FrictionOptions)
     beta: FloatArray | None = None
-    smoothing: float = 0.0
+    smoothing: float = FrictionValues().smoothing
     periods: tuple[float, ...] = ()
     poses: bool = True
     rotors: tuple[regression.Rotor, ...] = ()

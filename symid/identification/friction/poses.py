@@ -121,22 +121,23 @@ def _fit_autoregression(error: FloatArray) -> tuple[FloatArray, float]:
 
 
 def compute_robust_deviations(
-    law: FrictionLaw, estimate: FrictionEstimate, covariance: PatternCovariance
-) -> dict[str, tuple[float, float]]:
-    """Return (deviation, degrees of freedom) of the law's identifiable parameters."""
+    samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate
+) -> tuple[dict[str, tuple[float, float]], PatternCovariance]:
+    """Return (deviation, degrees of freedom) of the law's identifiable parameters, and all covariances."""
+    covariance = estimate_pattern_covariance(samples, law, estimate)
     mixing = np.zeros((len(law.physical), len(covariance.white)))
     mixing[:, : len(law.linear) + len(law.shape)] = np.array(law.mixing, dtype=np.float64)
     found = np.array(covariance.compute_deviations(mixing)).T.tolist()
     known = {entry.name for entry in estimate.parameters}
     pairs = zip(law.physical, found, strict=True)
-    return {entry.name: (std, freedom) for entry, (std, freedom) in pairs if entry.name in known}
+    return {entry.name: (std, dof) for entry, (std, dof) in pairs if entry.name in known}, covariance
 
 
 def warn_of_friction_pattern(
     samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate
 ) -> tuple[Notice, ...]:
     """Return a warning where the residual is correlated, so that stated deviations are too small."""
-    robust = compute_robust_deviations(law, estimate, estimate_pattern_covariance(samples, law, estimate))
+    robust, _ = compute_robust_deviations(samples, law, estimate)
     # A fit to the last bit leaves rounding, whose correlation means nothing.
     known = [one for one in estimate.parameters if one.std > 1e-12 * max(abs(one.value), numerics.TINY)]
     ratios = {entry.name: robust[entry.name][0] / entry.std for entry in known}
@@ -237,10 +238,10 @@ def compare_poses(
         except SymidError as error:
             skipped.append((", ".join(pose.sources), "; ".join(entry.text for entry in error.notices)))
             continue
-        covariance = estimate_pattern_covariance(samples, law, estimate)
+        deviations, covariance = compute_robust_deviations(samples, law, estimate)
         speeds = np.abs(samples.rows.velocity)
         reach = float(np.quantile(speeds, 0.02)), float(speeds.max())
-        fits.append((estimate, compute_robust_deviations(law, estimate, covariance), covariance, reach))
+        fits.append((estimate, deviations, covariance, reach))
         fitted.append(pose)
     units = {one.name: one.unit for fit in fits for one in fit[0].parameters}
     parameters = list[PoseParameter]()

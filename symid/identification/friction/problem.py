@@ -44,8 +44,8 @@ class FrictionOptions:
         tolerance: relative, of the shape, of a root, of Ipopt on the scaled problem.
         iterations: of Ipopt from a start, generations of a stochastic search, at most.
         population: candidates per unknown of a stochastic search.
-        width: of the crossover, and of a step to a neighbour in simulated annealing, in standard deviations
-            of the population; below 0.8 it converges too soon.
+        width: of the crossover, in standard deviations of the population; below 0.8 it converges too soon.
+        step: of the neighbours in simulated annealing, in the same unit.
         cooling: factor of the temperature per generation; 0.95 takes half as many generations again.
     """
 
@@ -58,6 +58,7 @@ class FrictionOptions:
     iterations: int = 400
     population: int = 16
     width: float = 0.95
+    step: float = 0.8
     cooling: float = 0.6
 
     def __post_init__(self) -> None:

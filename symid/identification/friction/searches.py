@@ -484,7 +484,7 @@ def search_by_population(
         kept = np.argsort(objectives, kind="stable")[: len(children)]
         genes, objectives = genes[kept], objectives[kept]
         if anneal:
-            neighbours = draw_children(genes, genes, options.width, generator)
+            neighbours = draw_children(genes, genes, options.step, generator)
             reached = box.compute_objectives(neighbours)
             rise = reached - objectives
             chance = np.exp(-np.maximum(rise, 0.0) / max(temperature, numerics.TINY))

@@ -24,7 +24,6 @@ from symid.identification.friction.poses import (
     compare_poses,
     compute_chance,
     compute_robust_deviations,
-    estimate_pattern_covariance,
     list_poses,
 )
 from symid.identification.stored import read_fit, write_fit
@@ -318,9 +317,7 @@ def test_noise_with_a_memory_makes_no_difference_of_poses(memory, poses):
             torque, rest = clean + 0.1 * noise, {"joint": "j", "extra": np.empty((2000, 0))}
             samples = FrictionSamples(time=time, velocity=velocity, torque=torque, **rest)
             estimate = fit_friction(samples, law)
-            deviations = compute_robust_deviations(
-                law, estimate, estimate_pattern_covariance(samples, law, estimate)
-            )
+            deviations, _ = compute_robust_deviations(samples, law, estimate)
             fits.append([(estimate.get_value(name), *deviations[name]) for name in ("fC", "fV", "offset")])
         chances = [compute_chance(*np.array([fit[k] for fit in fits]).T) for k in range(3)]
         alarms += 3 * min(chances) < 0.01

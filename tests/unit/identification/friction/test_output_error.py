@@ -317,10 +317,9 @@ def test_other_laws_meet_an_adaptive_integrator_and_rates_are_slopes(name):
 def test_smooth_dry_friction_is_stable_and_tends_to_the_plain_one():
     force = 80.0 * np.sin(6.0 * PERIOD * np.arange(2001))
 
-    def simulate(smoothing, steps):
+    def simulate(smoothing, n):
         model = AxisModel(law=get_law("coulomb-viscous", smoothing=smoothing))
-        finer = np.repeat(force, steps)
-        return simulate_axis(model, VALUES[:3], finer, PERIOD / steps, (0.0, 0.0, 0.0))[0, ::steps]
+        return simulate_axis(model, VALUES[:3], np.repeat(force, n), PERIOD / n, (0.0,) * 3)[0, ::n]
 
     plain = simulate(0.0, 1)
     errors = [np.max(np.abs(simulate(size, 20) - plain)) for size in (1e-2, 1e-3, 1e-4)]
