@@ -5,14 +5,13 @@ found, and their robot. Joints that are not named keep law and shape values of t
 
     plain friction -> laws chosen on held-out torque -> robot with these laws -> fit of everything -> ...
 
-The fit has one more column for each shape value s, the change of the torque with it; so shape values have
-deviations of their own, and those of all other parameters count them in. It is repeated about the values
-found until they stay, with the loads that the estimate gives where none were measured. A law that was chosen
-gives way where the plain one surely predicts held-out torque of the whole robot better (`judge.compare`).
+The fit has one more column for each shape value s, the change of the torque with it, so that shape values
+have deviations of their own. It is repeated about the values found until they stay, with the loads that the
+estimate gives where none were measured. A law that was chosen gives way where the plain one surely predicts
+held-out torque of the whole robot better (`judge.compare`).
 
-Supported: all kinds of rows; estimators that are linear in the torque.
-Not supported: estimators that simulate the robot; elastic joints; laws with a state, which stay those of the
-robot file.
+Supported: all kinds of rows. Not supported: estimators that simulate the robot; elastic joints; laws with a
+state, which stay those of the robot file.
 """
 
 import math
@@ -84,9 +83,8 @@ def read_joint_laws(
             if not hint.endswith("?"):
                 hint += suggest_names(str(law), further, before="; ") or "."
             mistakes.append(f"friction of joint {joint!r}: {hint}")
-        elif joint in joints and law not in further and joint_models.get_law(law).memory:
+        elif joint in joints and law not in further and (known := joint_models.get_law(law)).memory:
             # A law with a state is that of the robot file, or none.
-            known = joint_models.get_law(law)
             if known.name != joints[joint].friction.law:
                 values = ", ".join(entry.name for entry in (*known.shape, *known.memory))
                 text = f"{law!r} needs {values}, which no option gives; write it into the robot file."
@@ -174,21 +172,15 @@ def search_friction(
     plain = _set_friction(robot, dict.fromkeys(axes, joint_models.FrictionValues(law=rigid.PLAIN)))
     progress(f"finding friction laws ({', '.join(dict.fromkeys(names.values()))})")
     # The laws that each joint's is chosen from, or the friction that it keeps.
-    wishes: list[rigid.Wish] = [joint.friction for joint in robot.axes]
-    for place, name in enumerate(axes):
-        if names.get(name) == joint_models.NO_FRICTION:
-            wishes[place] = joint_models.FrictionValues()
-        elif name in names:
-            law = names[name]
-            wishes[place] = rigid.CANDIDATES if law == AUTO else (joint_models.get_law(law).name,)
-    choice = rigid.choose_laws(
-        prepare(plain),
-        recordings,
-        robot.processing,
-        gears=[joint.drive.gear for joint in robot.axes],
-        wishes=wishes,
-        rotors=regression.list_coupled_rotors(robot),
-    )
+    wishes: dict[str, rigid.Wish] = {name: joint.friction for name, joint in axes.items()}
+    for name, law in names.items():
+        if law == joint_models.NO_FRICTION:
+            wishes[name] = joint_models.FrictionValues()
+        else:
+            wishes[name] = rigid.CANDIDATES if law == AUTO else (joint_models.get_law(law).name,)
+    gears, rotors = [joint.drive.gear for joint in robot.axes], regression.list_coupled_rotors(robot)
+    logs = prepare(plain), recordings, robot.processing
+    choice = rigid.choose_laws(*logs, gears=gears, wishes=tuple(wishes.values()), rotors=rotors)
     found = _set_friction(robot, {law.joint: law.friction for law in choice.joints})
     known = all(regression.list_measured_joints(recordings))
 
@@ -199,22 +191,7 @@ def search_friction(
             left -= 1
             library = prepare(found)
             # The shape values of the joints asked for are fitted, too.
-            searched = tuple(
-                ParameterCard(
-                    name=join_name(entry.name, number),
-                    expression=join_name(entry.name, number),
-                    unit={"1": ""}.get(entry.unit, entry.unit_prismatic if joint.prismatic else entry.unit),
-                    reason=f"shape value of the friction law {joint.friction.law}",
-                    joint=joint.name,
-                    value=value,
-                )
-                for number, joint in enumerate(found.joints, start=1)
-                if joint.name in names and joint.friction.law != joint_models.NO_FRICTION
-                for entry, value in zip(
-                    joint_models.get_law(joint.friction.law).shape, joint.friction.shape, strict=True
-                )
-            )
-            library = Library(replace(library.card, searched=searched), library.engine)
+            library = Library(replace(library.card, searched=_list_searched(found, names)), library.engine)
             loaded = regression.fill_loads(library, recordings, robot.processing, beta)
             if plan is None:
                 rows, estimator = options.get("rows", "torque"), options.get("estimator")
@@ -251,6 +228,21 @@ def search_friction(
     return _record_laws(estimate, found, robot, library, choice, names), found, library
 
 
+def _list_searched(robot: Robot, names: Collection[str]) -> tuple[ParameterCard, ...]:
+    """Return the shape values of these joints as parameters."""
+    found = list[ParameterCard]()
+    for number, joint in enumerate(robot.joints, start=1):
+        if joint.name in names and joint.friction.law != joint_models.NO_FRICTION:
+            reason = f"shape value of the friction law {joint.friction.law}"
+            entries = joint_models.get_law(joint.friction.law).shape
+            for entry, value in zip(entries, joint.friction.shape, strict=True):
+                name = join_name(entry.name, number)
+                unit = {"1": ""}.get(entry.unit, entry.unit_prismatic if joint.prismatic else entry.unit)
+                own = ParameterCard(name=name, expression=name, unit=unit, reason=reason, joint=joint.name)
+                found.append(replace(own, value=value))
+    return tuple(found)
+
+
 def _list_shapes(robot: Robot) -> dict[str, float]:
     """Return the shape values of friction laws by name."""
     return {
@@ -285,8 +277,8 @@ def _list_chosen(robot: Robot, names: Mapping[str, str]) -> list[str]:
 
 def _make_plain(robot: Robot, joints: Collection[str]) -> Robot:
     """Return the robot with the plain law at these joints."""
-    zeros = (0.0,) * len(joint_models.get_law(rigid.PLAIN).linear)
-    law = joint_models.FrictionValues(law=rigid.PLAIN, values=zeros)
+    values = (0.0,) * len(joint_models.get_law(rigid.PLAIN).linear)
+    law = joint_models.FrictionValues(law=rigid.PLAIN, values=values)
     return _set_friction(robot, dict.fromkeys(joints, law))
 
 
@@ -300,19 +292,17 @@ def _give_up_worse(
     """Return choice and fit without laws that plain ones, with losses `usual` (parts, n), surely surpass."""
     chosen, given_up, texts = _list_chosen(found.robot, names), list[str](), list[str]()
     while kept := [name for name in chosen if name not in given_up]:
-        test = compare(found.measure(found.library), usual)
-        laws = {joint.name: (place, joint.friction.law) for place, joint in enumerate(found.robot.axes)}
-        sure = adjust_chances([float(test.p[laws[name][0]]) for name in kept])
-        worse = {
-            name: float(test.fall[laws[name][0]])
-            for name, chance in zip(kept, sure, strict=True)
-            if chance < POLICY.caution and test.fall[laws[name][0]] > 1.0 + POLICY.relevance
-        }
+        test, axes = compare(found.measure(found.library), usual), found.robot.axes
+        laws = {joint.name: joint.friction.law for joint in axes}
+        falls = dict(zip(laws, test.fall.tolist(), strict=True))
+        chances = dict(zip(laws, test.p.tolist(), strict=True))
+        sure = dict(zip(kept, adjust_chances([chances[name] for name in kept]), strict=True))
+        worse = [
+            name for name in kept if sure[name] < POLICY.caution and falls[name] > 1.0 + POLICY.relevance
+        ]
         if not worse:
             break
-        texts += (
-            f"{name}: {laws[name][1]} leaves {fall:.3g} times the squares" for name, fall in worse.items()
-        )
+        texts += [f"{name}: {laws[name]} leaves {falls[name]:.3g} times the squares" for name in worse]
         given_up += worse
         found = fit(_make_plain(found.robot, given_up))
     if not given_up:
@@ -342,19 +332,13 @@ def _move_friction(robot: Robot, estimate: Estimate) -> Robot:
         friction = joint.friction
         if joint.mimic is None and friction.law != joint_models.NO_FRICTION and friction.values is not None:
             law = joint_models.get_law(friction.law)
-            values = tuple(
-                float(known.get(join_name(entry.name, number), old))
-                for entry, old in zip(law.linear, friction.values, strict=True)
-            )
+            olds = zip((*law.linear, *law.shape), (*friction.values, *friction.shape), strict=True)
+            found = [float(known.get(join_name(entry.name, number), old)) for entry, old in olds]
             # A value that the rows do not hold must stay one that a law can have.
-            shape = tuple(
-                min(
-                    max(float(known.get(join_name(entry.name, number), old)), 0.2 * old, entry.lower),
-                    entry.upper,
-                )
-                for entry, old in zip(law.shape, friction.shape, strict=True)
-            )
-            joint = replace(joint, friction=replace(friction, values=values, shape=shape))  # noqa: PLW2901
+            shape = zip(found[len(law.linear) :], friction.shape, law.shape, strict=True)
+            moved = tuple(min(max(new, 0.2 * old, entry.lower), entry.upper) for new, old, entry in shape)
+            friction = replace(friction, values=tuple(found[: len(law.linear)]), shape=moved)
+            joint = replace(joint, friction=friction)  # noqa: PLW2901
         joints.append(joint)
     return replace(robot, joints=tuple(joints))
 
@@ -387,9 +371,10 @@ def _record_laws(  # noqa: PLR0917 - the parts of one search
         if before.friction.law == joint.friction.law:
             pairs = joint_models.name_values(before.friction) | joint_models.name_shape(before.friction)
             truth |= {join_name(name, number): value for name, value in pairs.items()}
-    card, own = library.card, {entry.name for entry in library.card.friction}
+    card = library.card
+    friction = {one.name for one in card.friction}
     parameters = tuple(
-        replace(entry, truth=truth.get(entry.name)) if entry.name in own else entry
+        replace(entry, truth=truth.get(entry.name)) if entry.name in friction else entry
         for entry in estimate.parameters
     )
     grouped = [(entry.name, entry.expression) for entry in (*card.beta, *card.friction)]
@@ -411,10 +396,8 @@ def identify_loaded(
     if "load" not in library.card.friction_inputs or all(measured):
         return fit(recordings)
     names = [entry.name for entry in library.card.beta]
-    without = [
-        replace(one, load=regression.fill_load(one.load, np.zeros_like(one.position), measured))
-        for one in recordings
-    ]
+    loads = [regression.fill_load(one.load, np.zeros_like(one.position), measured) for one in recordings]
+    without = [replace(one, load=load) for one, load in zip(recordings, loads, strict=True)]
     beta = fit(without).assemble(names)
     for _ in range(numerics.ROUNDS):
         estimate = fit(regression.fill_loads(library, recordings, processing, beta))
@@ -428,7 +411,7 @@ def identify_loaded(
 def refuse_search(friction: str | Mapping[str, str], why: str) -> UsageError:
     """Return the error that laws cannot be searched here."""
     text = f"the friction law {friction!r} leaves values to be found, which {why}"
-    text = f"{text}; name a law without shape values"
+    text += "; name a law without shape values"
     if isinstance(friction, Mapping):
         listed = ", ".join(f"{key}={law}" for key, law in friction.items())
         text = f"friction of single joints ({listed}) is found from the logs, which {why}"

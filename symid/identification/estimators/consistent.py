@@ -1,22 +1,18 @@
 """The physically consistent fit: parameters of bodies that exist.
 
-Robot -> Bodies: beta = K pi in numbers, and the bounds of each parameter. Rows, what can be identified from
-them, Bodies -> RegressionFit.
+Robot -> Bodies: beta = K pi in numbers. Rows, what can be identified from them, Bodies -> RegressionFit.
 
     consistent   min |W (A K pi - y)|^2 / (2 s^2) + g sum_i D(P_i, P0_i)
     P_i = L_i Q_i L_i' > 0,   L_i L_i' = P0_i,   IA = u IA0 > 0;   Fv, Fc >= 0
 
-with the weights W of wls, and the distance D = tr Q - log det Q - 4 (for rotors u - log u - 1). In Q and u
-the problem is convex, and Newton's method finds its one optimum (`optimise_bodies` of the dynamics); the
-decrement bounds the distance to the least cost (`gap`). The distance counts as half an observation, g = 1/2,
-so that it hardly changes identifiable parameters and fixes the others. s is of what bodies leave of the rows.
-Where that is surely more than without bounds (chi-squared), and matters, a warning says so.
-Without the distance there may be no optimum: a moment of inertia that the rows want at zero is only
-approached, by an unobservable mass that grows without end.
+with the weights W of wls, and the distance D = tr Q - log det Q - 4 (for rotors u - log u - 1), which counts
+as half an observation, g = 1/2: it hardly changes identifiable parameters and fixes the others. Without it a
+moment of inertia that the rows want at zero is only approached, by a mass that grows without end. In Q and u
+the problem is convex; `gap` bounds the distance of Newton's method to the least cost. s is of what bodies
+leave of the rows; a warning says where that is surely more than without bounds (chi-squared), and matters.
 
 Supported: every rank of the rows; links, rotors of joints and couplings, friction; lengths with a value.
-Not supported: elastic joints (their rotors are not base parameters); standard deviations of its own: those of
-wls are given, which the bounds can only make smaller.
+Not supported: elastic joints; standard deviations of its own: those of wls are given.
 """
 
 from dataclasses import dataclass, replace
@@ -28,15 +24,10 @@ import scipy
 from symid import dynamics
 from symid.arrays import FloatArray, FrozenArrays, freeze
 from symid.errors import Notice, SolverError, UsageError
+from symid.identification import regression
 from symid.identification.estimators.least_squares import RegressionFit, estimate_group_weights, fit_weighted
 from symid.identification.judge import POLICY, numerics
-from symid.identification.regression import (
-    Identifiability,
-    Rows,
-    condense_rows,
-    count_freedom,
-    stack_condensed,
-)
+from symid.identification.regression import Identifiability, Rows
 from symid.joint_models import is_braking
 from symid.notation import INERTIAL
 from symid.robot import Robot, build_pseudo_inertias
@@ -67,8 +58,6 @@ class Bodies(FrozenArrays):
 
 def build_bodies(robot: Robot) -> Bodies:
     """Return the bodies behind the base parameters; raise RobotError where a symbolic length has no value."""
-    # These load SymPy, which other estimators do without.
-
     base = dynamics.derive_base_parameters(robot)
     names = tuple(entry.name for entry in (*base.parameters, *base.friction))
     grouping = dynamics.build_grouping(robot, base, names)
@@ -79,10 +68,8 @@ def build_bodies(robot: Robot) -> Bodies:
     bounded = [label for label in used if is_braking(label[1])]
     others = [label for label in used if label[1] not in (*INERTIAL, "IA") and label not in bounded]
 
-    positive, bound, free = (
-        grouping.matrix[:, [column[label] for label in labels]].reshape(len(names), len(labels))
-        for labels in (rotors, bounded, others)
-    )
+    places_of = [[column[label] for label in labels] for labels in (rotors, bounded, others)]
+    positive, bound, free = (grouping.matrix[:, own].reshape(len(names), len(own)) for own in places_of)
     return Bodies(
         names=names,
         links=grouping.matrix[:, places],
@@ -95,10 +82,9 @@ def build_bodies(robot: Robot) -> Bodies:
 
 
 class ConsistentCost(NamedTuple):
-    """The cost of rows, and the parameters behind its unknowns.
+    """The cost in blocks Q, rotors u, friction and other observable parameters, over their deviations.
 
-    `problem` has blocks Q, rotors u, friction and the other observable parameters, over their deviations;
-    `roots` (n, 4, 4) L, `rotors` (a,) IA0, `loose` (p, b + c) effect of one unit of friction and the rest.
+    `roots` (n, 4, 4) are L, `rotors` (a,) IA0, `loose` (p, b + c) effects of a unit of friction and the rest.
     """
 
     problem: dynamics.BodyProblem
@@ -108,10 +94,9 @@ class ConsistentCost(NamedTuple):
 
 
 def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight: float) -> ConsistentCost:
-    """Return the cost, for these bodies, of weighted rows over their noise: F (k, p + 1) is `triangle`.
+    """Return the cost, arguments as of `solve_consistent`; `weight` is that of the distance.
 
-    `centre` (p,) are the parameters without bounds, at which |F [x; -1]| is least; bodies of unknown mass get
-    the one that suits them. `weight` is that of the distance to the bodies expected.
+    Bodies of unknown mass get the one that suits the parameters without bounds.
     """
     mass = 1.0
     if bodies.unit:
@@ -124,11 +109,8 @@ def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight:
         mass = mass if mass > 0.0 else max(float(np.abs(wanted).max(initial=0.0)), numerics.RANK)
     expected = build_pseudo_inertias(bodies.stated * mass)
     roots = np.asarray(np.linalg.cholesky(expected), dtype=np.float64)
-    forms = (
-        roots.transpose(0, 2, 1)
-        @ np.einsum("pnk,kab->pnab", bodies.links, dynamics.PSEUDO_INERTIA_FORMS)
-        @ roots
-    )
+    forms = np.einsum("pnk,kab->pnab", bodies.links, dynamics.PSEUDO_INERTIA_FORMS)
+    forms = roots.transpose(0, 2, 1) @ forms @ roots
     matrix = triangle[:, :-1]
     # Expected is half of the parameter that a rotor is part of.
     sizes = np.where(bodies.positive > 0.0, np.abs(centre)[:, None], 0.0).max(axis=0, initial=0.0)
@@ -165,7 +147,7 @@ def build_cost(triangle: FloatArray, centre: FloatArray, bodies: Bodies, weight:
 _WEIGHT = 0.5
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class ConsistentSolution:
     """Bodies that fit best.
 
@@ -186,34 +168,32 @@ class ConsistentSolution:
 def fit_consistent(
     rows: Rows, identifiability: Identifiability, freedom: str = "band", *, bodies: Bodies | None
 ) -> RegressionFit:
-    """Return the fit of bodies that exist, as `fit_ols`.
-
-    Raises:
-        UsageError: no bodies are given.
-        SolverError: no optimum is found.
-    """
+    """Return the fit of bodies that exist, as `fit_ols`; raise UsageError where no bodies are given."""
     if bodies is None:
         text = "the estimator consistent needs the bodies of the robot: give them in the options"
         raise UsageError(Notice(code="usage.no-bodies", text=text))
     weights = estimate_group_weights(rows, identifiability, freedom)
     free = fit_weighted(rows, identifiability, weights, freedom)
-    _, independent = count_freedom(freedom, free.spent, rows.independent)
+    _, independent = regression.count_freedom(freedom, free.spent, rows.independent)
     weighted = free.residuals * free.weights
     square = float(weighted @ weighted)
     spare = independent * (len(weighted) - float(free.spent.sum()))
     variance = max(square, 1e-18 * len(weighted)) / spare
-    triangle = stack_condensed(condense_rows(rows), weights) / np.sqrt(variance)
+    triangle = regression.stack_condensed(regression.condense_rows(rows), weights) / np.sqrt(variance)
     found = solve_consistent(triangle, free.values, bodies)
     residuals = rows.values - rows.matrix @ found.values
     growth = float(np.sum((residuals * free.weights) ** 2)) / max(square, numerics.TINY) - 1.0
     # Of normal errors the bounds cost chi-squared of all parameters at most.
     chance = scipy.special.chdtrc(identifiability.basis.shape[1], growth * square / variance)
     price = 100.0 * (float(np.sqrt(1.0 + growth)) - 1.0)
-    text = (
-        f"the residual is {price:.3g} % larger than that of weighted least squares: the log contradicts all "
-        "bodies that exist; check signs, units and the order of joints (`symid check`), or add the missing "
-        "term to the model"
-    )
+    notices: tuple[Notice, ...] = ()
+    if chance < POLICY.alarm and growth > POLICY.relevance:
+        text = (
+            f"the residual is {price:.3g} % larger than that of weighted least squares: the log contradicts "
+            "all bodies that exist; check signs, units and the order of joints (`symid check`), or add the "
+            "missing term to the model"
+        )
+        notices = (Notice(code="identify.price", text=text),)
     return replace(
         free,
         values=found.values,
@@ -227,9 +207,7 @@ def fit_consistent(
             "gradient": found.nearest.gradient,
             "standard_parameters": found.pi.tolist(),
         },
-        notices=(Notice(code="identify.price", text=text),)
-        if chance < POLICY.alarm and growth > POLICY.relevance
-        else (),
+        notices=notices,
     )
 
 
@@ -251,9 +229,9 @@ def solve_consistent(triangle: FloatArray, centre: FloatArray, bodies: Bodies) -
     problem, square = cost.problem, max(square, float(len(centre)))
     found = dynamics.optimise_bodies(problem)
     steps = found.iterations
-    arrived = bool(np.isfinite(found.gap))
-    known = problem.weight if arrived else np.inf
-    start = found if arrived else dynamics.build_expected_bodies(problem)
+    known, start = problem.weight, found
+    if not np.isfinite(found.gap):
+        known, start = np.inf, dynamics.build_expected_bodies(problem)
     for _ in range(numerics.ROUNDS):
         errors = dynamics.compute_errors(problem, start)
         wanted = _WEIGHT * (1.0 + float(errors @ errors) / square)
@@ -262,9 +240,8 @@ def solve_consistent(triangle: FloatArray, centre: FloatArray, bodies: Bodies) -
         problem = replace(problem, weight=wanted)
         # Where it more than doubles, the way from the bodies expected is shorter.
         warm = wanted < 2.0 * known < np.inf
-        found = start = (
-            dynamics.optimise_bodies(problem, start, known) if warm else dynamics.optimise_bodies(problem)
-        )
+        near = (start, known) if warm else ()
+        found = start = dynamics.optimise_bodies(problem, *near)
         steps, known = steps + found.iterations, wanted
         if not np.isfinite(found.gap):
             break
@@ -286,10 +263,5 @@ def solve_consistent(triangle: FloatArray, centre: FloatArray, bodies: Bodies) -
         raise SolverError(Notice(code="solver.singular-bodies", text=text))
     pi = dynamics.compute_standard_parameters(inertias)
     values = np.einsum("pnk,nk->p", bodies.links, pi) + cost.loose @ found.others
-    return ConsistentSolution(
-        values=freeze(values + bodies.positive @ (cost.rotors * found.positive)),
-        pi=freeze(pi),
-        eigenvalue=eigenvalue,
-        nearest=found,
-        weight=problem.weight,
-    )
+    values = freeze(values + bodies.positive @ (cost.rotors * found.positive))
+    return ConsistentSolution(values, freeze(pi), eigenvalue, found, problem.weight)

@@ -27,8 +27,8 @@ from symid.robot import Processing
 from symid.serialization import HIDDEN, Finite, name_key
 
 PHASES = ("motion", "reversal", "rest")
-_SLOW, _STANDING, _TOP = 0.05, 0.002, 0.99
-"""Parts of the top speed, the latter as a quantile of the rows' speeds."""
+_SLOW, _STANDING = 0.05, 0.002
+"""Parts of the top speed, but for one row in a hundred."""
 _SPAN = 0.1
 """s, over which a speed is averaged, and that a rest lasts at least."""
 
@@ -38,7 +38,7 @@ def find_phases(time: FloatArray, velocity: FloatArray, run: NDArray[np.intp]) -
 
     `time` in s rises within each recording `run` (m,); `velocity` in rad/s or m/s.
     """
-    top = float(np.quantile(np.abs(velocity), _TOP)) if len(velocity) else 0.0
+    top = float(np.quantile(np.abs(velocity), 1.0 - POLICY.alarm)) if len(velocity) else 0.0
     phases = (np.abs(velocity) <= _SLOW * top).astype(np.intp)
     for number in np.unique(run):
         own = np.flatnonzero(run == number)
@@ -87,20 +87,18 @@ class Candidate:
     Args:
         band: Hz, of the rows; instruments: Hz, band of the instruments, 0 for least squares.
         held_out: percent of the torque of stretches left unexplained by fits to the others, mean over joints.
-        fall: squares left over those of the best candidate; p: probability of so large a difference by
-        chance. consistent: probability of so large a difference, by chance, from the same rows with the
-        lowest
-            instruments.
+        fall: squares left over those of the best candidate; p: of so large a difference by chance;
+            consistent: the same, from the same rows with the lowest instruments.
         states: up to which columns of the log they are used, "position", "velocity" or "acceleration".
     """
 
     band: float
     instruments: float
     held_out: float
-    fall: float = 1.0
-    p: float = 1.0
-    consistent: float = 1.0
-    states: str = "position"
+    fall: float
+    p: float
+    consistent: float
+    states: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,8 +129,8 @@ class JointEvidence:
     joint: str
     fitted: float
     held_out: float
-    moving: float = float("inf")
-    slow: float = float("inf")
+    moving: float
+    slow: float
     share: float
     torque: float
 
@@ -163,7 +161,7 @@ class Cause:
 
     Args:
         code, cause, remedy: its code, what is wrong and what to do, in words; family: what else is of its
-        kind. joints: those whose torque it touches, none for all.
+            kind; joints: those whose torque it touches, none for all.
         before, after: percent of their held-out torque left with it and without it; p: of chance, adjusted
             for all that were tried.
     """
@@ -209,13 +207,13 @@ class Evidence:
     joints: tuple[JointEvidence, ...]
     scoring: float
     stretches: int
-    logs: int = 0
+    logs: int
     tests: tuple[ConsistencyTest, ...] = ()
     impossible: tuple[str, ...] = ()
-    bounded: float = 0.0
+    bounded: float
     causes: tuple[Cause, ...] = ()
     in_proportion: tuple[tuple[str, str], ...] = ()
-    period: float = 0.0
+    period: float
     covered: tuple[JointRange, ...] = ()
 
     @property
@@ -272,11 +270,6 @@ OPEN_SETTINGS = ("filter_cutoff", "decimation.factor")
 """Entries of the processing that may be left open."""
 SIGNIFICANT = POLICY.printed
 """Standard deviations from which on a value differs from zero."""
-_ORIGINS = {
-    "stated": "as stated",
-    "fit": "as in the fit",
-    "log": "chosen from this log, whose sample period differs from that of the fit",
-}
 
 
 class Outcome(Enum):
@@ -405,8 +398,7 @@ def check_model(record: FitRecord, card: ModelCard, file: str = "") -> None:
         EstimateError: its signature is another one, or parameters or joints are not the model's.
     """
     if record.signature == card.signature:
-        strangers = record.list_strangers(card)
-        if strangers:
+        if strangers := record.list_strangers(card):
             text = f"the fit does not match the model {card.robot!r}: {', '.join(strangers)}; identify again"
             raise EstimateError(Notice(code="estimate.parameters", text=text, file=file))
         return
@@ -415,10 +407,8 @@ def check_model(record: FitRecord, card: ModelCard, file: str = "") -> None:
         f"the model of robot {card.robot!r} has changed since: its signature is {card.signature[:12]}, "
         f"that of the fit {record.signature[:12]}"
     )
-    own, theirs = (
-        ", ".join(names)
-        for names in (map(rename_law, record.friction), (joint.friction for joint in card.joints))
-    )
+    own = ", ".join(map(rename_law, record.friction))
+    theirs = ", ".join(joint.friction for joint in card.joints)
     if own and own != theirs:
         difference = f"its friction models are {own}, those of the robot {theirs}"
     raise _refuse_model(difference, file)
@@ -432,9 +422,8 @@ def check_robot(record: FitRecord, robot: str, file: str = "") -> None:
 
 
 def _refuse_model(difference: str, file: str) -> EstimateError:
-    text = (
-        f"the fit does not match the model: {difference}; use the same robot and options, or identify again"
-    )
+    text = f"the fit does not match the model: {difference}"
+    text += "; use the same robot and options, or identify again"
     return EstimateError(Notice(code="estimate.signature", text=text, file=file))
 
 
@@ -474,18 +463,12 @@ class DynamicsRecord(FitRecord):
                 mistakes += [f"friction: {notice.text}" for notice in error.notices]
         if not self.sources:
             mistakes.append("sources: expected at least one log, got none")
-        numbers = [("condition", self.condition)]
-        numbers += [(f"parameters: {entry.name}: std", entry.std) for entry in self.parameters]
-        mistakes += [
-            f"{name}: expected a number that is not negative, got {number:g}"
-            for name, number in numbers
-            if not number >= 0.0
-        ]
-        return mistakes + [
-            f"residual.samples: expected a count, got {entry.samples}"
-            for entry in self.residual
-            if entry.samples < 0
-        ]
+        stds = {f"parameters: {entry.name}: std": entry.std for entry in self.parameters}
+        for name, number in ({"condition": self.condition} | stds).items():
+            if not number >= 0.0:
+                mistakes.append(f"{name}: expected a number that is not negative, got {number:g}")
+        negative = [entry.samples for entry in self.residual if entry.samples < 0]
+        return mistakes + [f"residual.samples: expected a count, got {count}" for count in negative]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -502,7 +485,7 @@ class FittedLaw:
     law: str
     shape: tuple[float, ...] = ()
     names: tuple[str, ...] = field(default=(), metadata=HIDDEN)
-    smoothing: float = 0.0
+    smoothing: float
     selection: LawSelection | None = None
 
 
@@ -556,13 +539,12 @@ class Estimate(DynamicsRecord):
         shape = {name for law in self.laws for name in law.names}
         found = [name for name in found if name not in shape]
         strange = [name for name, _ in self.unresolved if name not in (expected | shape)]
-        problems += [
-            f"{name!r} is not a parameter of it" for name in (*found, *strange) if name not in expected
-        ]
+        unknown = (name for name in (*found, *strange) if name not in expected)
+        problems += [f"{name!r} is not a parameter of it" for name in unknown]
         return problems + [f"{name!r} is missing" for name in sorted(expected - set(found))]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Series(FrozenArrays):
     """Measured and predicted values of one joint's rows.
 
@@ -578,6 +560,13 @@ class Series(FrozenArrays):
     velocity: FloatArray
     measured: FloatArray
     predicted: FloatArray
+
+
+_ORIGINS = {
+    "stated": "as stated",
+    "fit": "as in the fit",
+    "log": "chosen from this log, whose sample period differs from that of the fit",
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -619,7 +608,7 @@ class Validation:
     fitted: bool = field(default=False, metadata=HIDDEN)
     notices: tuple[Notice, ...] = field(default=(), metadata=HIDDEN)
     processing: ResolvedProcessing | None = field(default=None, metadata=HIDDEN)
-    scoring: float = 0.0
+    scoring: float
     all_rows: tuple[Residual, ...] = ()
     motion: tuple[MotionResidual, ...] = ()
 

@@ -8,23 +8,19 @@ with e = tau - Y x and W the inverse variances of the joints, iterated from e un
 W^(1/2) Z = Q R is needed: x solves Q' W^(1/2) Y x = Q' W^(1/2) tau, as well conditioned as least squares.
 
 With c the least canonical correlation of Y and Z, F = c^2 / (1 - c^2) (b m - r) / r is the smallest statistic
-of the first stage (Cragg and Donald 1993, Econometric Theory 9). 1 / F is about the part of the bias of least
-squares that instruments leave (Staiger and Stock 1997, Econometrica 65): where it matters, they are weak.
-Bias of least squares is tested as by Durbin, Wu and Hausman (Hausman 1978, Econometrica 46; Davidson and
-MacKinnon 1989):
+of the first stage (Cragg and Donald 1993), and 1 / F about the part of the bias of least squares that
+instruments leave (Staiger and Stock 1997): where it matters, they are weak. Bias is tested as by Durbin, Wu
+and Hausman (Hausman 1978; Davidson and MacKinnon 1989):
 
     min |tau - Y x - V c|_W,     V = Y - Z (Z' W Z)^-1 Z' W Y     what instruments do not explain of Y
     F = (|e_wls|^2 - |e|^2) / k / (|e|^2 / (b m - r - k))         k columns of V that Y does not have
 
-Least squares are called biased where F is no chance (`POLICY.alarm`), and a printed parameter shifts by more
-than it may (`POLICY.printed`, in its standard deviations).
-
-Supported: rank-deficient rows (directions unobservable in Y or Z stay at zero); recordings of unequal weight.
-Not supported: rows of all joints together; more instruments than parameters; separating noise of the states
-from model errors that differ between both states.
+Supported: rank-deficient rows (unobservable directions stay at zero); recordings of unequal weight.
+Not supported: rows of all joints together; more instruments than parameters.
 """
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import scipy
@@ -34,6 +30,7 @@ from symid.errors import IdentifiabilityError, Notice
 from symid.identification import regression
 from symid.identification.estimators.least_squares import RegressionFit, fit_weighted, iterate_weights
 from symid.identification.judge import POLICY, numerics
+from symid.identification.regression import Identifiability, Rows
 
 _BLIND = "identify.blind-instruments"
 
@@ -48,22 +45,20 @@ class InstrumentalSolution(FrozenArrays):
         explained: (m, p) Z (Z' W Z)^-1 Z' W Y, the part of Y that instruments explain.
         frame: (m, k) Q; gain: (p, k), x = gain Q' W^(1/2) tau.
         correlation: c, from zero to one; strength: F, infinite where Z explains Y wholly.
-        weak: whether Z leaves a part of the bias of least squares that matters.
     """
 
     fit: RegressionFit
-    identifiability: regression.Identifiability
+    identifiability: Identifiability
     explained: FloatArray
     frame: FloatArray
     gain: FloatArray
     correlation: float
     strength: float
-    weak: bool
 
 
 def fit_instruments(
-    rows: regression.Rows,
-    instruments: regression.Rows,
+    rows: Rows,
+    instruments: Rows,
     rule: regression.RankRule | None = None,
     freedom: str = "band",
     *,
@@ -79,88 +74,86 @@ def fit_instruments(
         IdentifiabilityError: no parameter is identifiable from rows and instruments together.
     """
     measured = regression.analyse_identifiability(rows, rule)
+    # What Z P identifies, P x = x in directions that Y observes and 0 in the others.
+    seen, basis = instruments, measured.basis
+    if basis.shape[1] < basis.shape[0]:
+        projected, *_ = np.linalg.lstsq(rows.matrix @ basis, rows.matrix, rcond=None)
+        seen = replace(instruments, matrix=instruments.matrix @ basis @ projected)
     try:
-        # What Z P identifies, P x = x in directions that Y observes and 0 in the others.
-        seen, basis = instruments, measured.basis
-        if basis.shape[1] < basis.shape[0]:
-            projected, *_ = np.linalg.lstsq(rows.matrix @ basis, rows.matrix, rcond=None)
-            seen = replace(instruments, matrix=instruments.matrix @ basis @ projected)
-        try:
-            identifiability = regression.analyse_identifiability(seen, rule)
-        except IdentifiabilityError as error:
-            text = (
-                "the simulated robot does not excite enough parameters: the reference of the log hardly "
-                "moves, or the simulated robot does not follow it; check q_ref, its unit and [controller]"
-            )
-            raise IdentifiabilityError(Notice(code=_BLIND, text=text), *error.notices) from error
-        basis = identifiability.basis
-        columns, count = instruments.matrix @ basis, int(basis.shape[1])
-        condensed = regression.condense_rows(rows)
-        weights = iterate_weights(
-            condensed, lambda guess: _solve_stages(rows, columns, basis, guess)[:2], freedom
-        )
-        values, leverage, gain, factors, frame, matrix = _solve_stages(rows, columns, basis, weights)
-        spent, independent = regression.count_freedom(freedom, leverage, rows.independent)
-        residuals = rows.values - rows.matrix @ values
-        weighted = residuals * factors
-        variance = float(weighted @ weighted) / (independent * (len(weighted) - float(spent.sum())))
-        # The least canonical correlation of instruments and columns, and F of the first stage.
-        measured_frame, _ = np.linalg.qr((rows.matrix @ basis) * factors[:, None])
-        correlation = min(1.0, float(np.linalg.svd(frame.T @ measured_frame, compute_uv=False)[count - 1]))
-        left, strength = 1.0 - correlation**2, float("inf")
-        if left >= numerics.EXACT:
-            strength = correlation**2 / left * (rows.independent * len(rows.values) - count) / count
-        singular = regression.compute_spectrum(matrix).singular
-        notices = []
-        hidden = np.flatnonzero(measured.identifiable & ~identifiability.identifiable)
-        states = "simulated" if simulated else "smooth"
-        if len(hidden):
-            rests = ", or because a joint that moves in the log rests in the simulation" if simulated else ""
-            text = (
-                f"the {states} states do not identify {', '.join(rows.names[k] for k in hidden)}, the "
-                f"measured ones do: only by their noise{rests}; the other parameters may be biased"
-            )
-            notices.append(Notice(code=_BLIND, text=text))
-        weak = strength * POLICY.relevance < 1.0
-        if weak:
-            cause = "the controller of the log" if simulated else "processing.instrument_cutoff"
-            text = (
-                f"the instruments are weak (F of the first stage is {strength:.3g}): they leave about "
-                f"{100.0 / max(strength, 1.0):.2g} % of the bias of wls, and the standard deviations are too "
-                f"small; check {cause}, and the noise of the positions"
-            )
-            notices.append(Notice(code="identify.weak-instruments", text=text))
-        fit = RegressionFit(
-            values=values,
-            covariance=variance * (gain @ gain.T),
-            residuals=residuals,
-            spent=spent,
-            condition=float(singular[0] / singular[count - 1]),
-            weights=factors,
-            notices=tuple(notices),
-        )
-        return InstrumentalSolution(
-            fit=fit,
-            identifiability=identifiability,
-            explained=(frame @ matrix) / factors[:, None],
-            frame=frame,
-            gain=gain,
-            correlation=correlation,
-            strength=strength,
-            weak=weak,
-        )
+        identifiability = regression.analyse_identifiability(seen, rule)
     except IdentifiabilityError as error:
-        if simulated or error.notices[0].code != _BLIND:
-            raise
         text = (
-            "the instruments, along positions below processing.instrument_cutoff, do not determine the "
-            "parameters: state a higher one, or take another estimator (--estimator wls)"
+            "the simulated robot does not excite enough parameters: the reference of the log hardly "
+            "moves, or the simulated robot does not follow it; check q_ref, its unit and [controller]"
         )
-        raise IdentifiabilityError(Notice(code=_BLIND, text=text)) from error
+        raise _refuse(text, *error.notices, simulated=simulated) from error
+    basis = identifiability.basis
+    columns, count = instruments.matrix @ basis, int(basis.shape[1])
+    solve = partial(_solve_stages, rows, columns, basis, simulated=simulated)
+    weights = iterate_weights(regression.condense_rows(rows), lambda guess: solve(guess)[:2], freedom)
+    values, leverage, gain, factors, frame, matrix = solve(weights)
+    spent, independent = regression.count_freedom(freedom, leverage, rows.independent)
+    residuals = rows.values - rows.matrix @ values
+    weighted = residuals * factors
+    variance = float(weighted @ weighted) / (independent * (len(weighted) - float(spent.sum())))
+    # The least canonical correlation of instruments and columns, and F of the first stage.
+    measured_frame, _ = np.linalg.qr((rows.matrix @ basis) * factors[:, None])
+    correlation = min(1.0, float(np.linalg.svd(frame.T @ measured_frame, compute_uv=False)[count - 1]))
+    left, strength = 1.0 - correlation**2, np.inf
+    if left >= numerics.EXACT:
+        strength = correlation**2 / left * (rows.independent * len(rows.values) - count) / count
+    singular = regression.compute_spectrum(matrix).singular
+    notices = []
+    hidden = np.flatnonzero(measured.identifiable & ~identifiability.identifiable)
+    states = "simulated" if simulated else "smooth"
+    if len(hidden):
+        rests = ", or because a joint that moves in the log rests in the simulation" if simulated else ""
+        text = (
+            f"the {states} states do not identify {', '.join(rows.names[k] for k in hidden)}, the "
+            f"measured ones do: only by their noise{rests}; the other parameters may be biased"
+        )
+        notices.append(Notice(code=_BLIND, text=text))
+    if strength * POLICY.relevance < 1.0:
+        cause = "the controller of the log" if simulated else "processing.instrument_cutoff"
+        text = (
+            f"the instruments are weak (F of the first stage is {strength:.3g}): they leave about "
+            f"{100.0 / max(strength, 1.0):.2g} % of the bias of wls, and the standard deviations are too "
+            f"small; check {cause}, and the noise of the positions"
+        )
+        notices.append(Notice(code="identify.weak-instruments", text=text))
+    fit = RegressionFit(
+        values=values,
+        covariance=variance * (gain @ gain.T),
+        residuals=residuals,
+        spent=spent,
+        condition=float(singular[0] / singular[count - 1]),
+        weights=factors,
+        notices=tuple(notices),
+    )
+    return InstrumentalSolution(
+        fit=fit,
+        identifiability=identifiability,
+        explained=(frame @ matrix) / factors[:, None],
+        frame=frame,
+        gain=gain,
+        correlation=correlation,
+        strength=strength,
+    )
+
+
+def _refuse(text: str, *reasons: Notice, simulated: bool) -> IdentifiabilityError:
+    """Return the error of instruments that see too little, in other words where they are smooth states."""
+    if simulated:
+        return IdentifiabilityError(Notice(code=_BLIND, text=text), *reasons)
+    text = (
+        "the instruments, along positions below processing.instrument_cutoff, do not determine the "
+        "parameters: state a higher one, or take another estimator (--estimator wls)"
+    )
+    return IdentifiabilityError(Notice(code=_BLIND, text=text))
 
 
 def _solve_stages(
-    rows: regression.Rows, instruments: FloatArray, basis: FloatArray, weights: FloatArray
+    rows: Rows, instruments: FloatArray, basis: FloatArray, weights: FloatArray, *, simulated: bool
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return x (p,), leverage (g,), gain (p, k), row factors (m,), Q (m, k) and Q' W^(1/2) Y (k, p)."""
     factors = weights[rows.group] * np.sqrt(rows.weight)
@@ -173,7 +166,7 @@ def _solve_stages(
             "simulated and measured states are uncorrelated in some direction: the reference belongs to "
             "another run, or the controller is not that of the log"
         )
-        raise IdentifiabilityError(Notice(code=_BLIND, text=text))
+        raise _refuse(text, simulated=simulated)
     gain: FloatArray = basis @ (right.T / singular) @ left.T
     # The diagonal of W^(1/2) Y times the gain times Q', which takes the measured values to those of the fit.
     own = np.sum((weighted @ gain) * frame, axis=1)
@@ -181,7 +174,7 @@ def _solve_stages(
     return gain @ (frame.T @ (rows.values * factors)), leverage, gain, factors, frame, matrix
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class Exogeneity:
     """The test of least squares for bias.
 
@@ -209,9 +202,7 @@ class Exogeneity:
         return tuple(sorted(far, key=lambda entry: -abs(entry[1])))
 
 
-def assess_exogeneity(
-    rows: regression.Rows, found: InstrumentalSolution, freedom: str = "band"
-) -> Exogeneity:
+def assess_exogeneity(rows: Rows, found: InstrumentalSolution, freedom: str = "band") -> Exogeneity:
     """Return whether least squares of measured rows, weighted as the instruments' fit, are biased.
 
     `freedom` says how the variance of the noise is estimated, see `Processing.noise_freedom`.
@@ -245,9 +236,5 @@ def assess_exogeneity(
     exact = np.abs(shift) <= numerics.EXACT * np.abs(found.fit.values)
     sizes = np.where(exact, 0.0, shift / np.where(deviation > 0.0, deviation, np.inf))
     places = np.flatnonzero(found.identifiability.identifiable)
-    return Exogeneity(
-        statistic=statistic,
-        freedom=(count, free),
-        probability=probability,
-        shifts=tuple((rows.names[k], float(sizes[k])) for k in places),
-    )
+    shifts = tuple((rows.names[k], float(sizes[k])) for k in places)
+    return Exogeneity(statistic, (count, free), probability, shifts)

@@ -6,35 +6,32 @@ Rows, or triangles of them, and what can be identified from them -> RegressionFi
     wls   min sum_j |A_j x - y_j|^2 / sigma_j^2,  sigma_j = |e_j| / sqrt(m_j - r_j / b) of its residuals e
     gls   min sum_t e_t' S^-1 e_t,  e_t = A_t x - y_t the residuals of all joints at one time
 
-By QR of A B, the columns of B the observable directions. b is the part of the rows that is independent after
-decimation, r_j = tr(A_j (A'A)^-1 A_j') of weighted rows the parameters that joint j determines, p in all: the
-weights are those of restricted maximum likelihood (Patterson and Thompson 1971, Biometrika 58; the iteration
-is that of Harville 1977), which no residual can make large that is small because parameters follow it. The
-covariance is s^2 (A'A)^-1 with s^2 = |e|^2 / (b m - p) of the weighted rows. The
-noise of an energy or power row grows with the speed in its window: there the covariance is HC3 (MacKinnon and
-White 1985). S (g, g) comes from the residuals of wls, or from P periods of N samples of a motion that repeats
-(Schoukens and Pintelon 2012):
+b is the part of the rows that is independent after decimation, r_j = tr(A_j (A'A)^-1 A_j') of weighted rows
+the parameters that joint j determines, p in all: the weights are those of restricted maximum likelihood
+(Patterson and Thompson 1971; Harville 1977), which no residual can make large that is small because
+parameters follow it. The covariance is s^2 (A'A)^-1, s^2 = |e|^2 / (b m - p) of the weighted rows; for energy
+and power rows, whose noise grows with the speed, HC3 (MacKinnon and White 1985). S (g, g) comes from the
+residuals of wls, or from P periods of N samples of a motion that repeats (Schoukens and Pintelon 2012):
 
     S = 1 / ((P - 1) N) sum over p, t of e_p(t) e_p(t)',   e_p = tau_p - mean over p of tau_p
 
-For residuals that are correlated in time and between joints the covariance is
+For residuals that are correlated in time and between joints
 
     x - x_true = L sum_i g_i e_i,     cov x = L [integral of G(f)^H S(f) G(f) df] L'
 
-G is the Fourier transform of the scores g (weighted columns, or instruments) of every joint along a log, S
-the spectral density of the weighted residuals e of all joints, from their cross periodograms through a lag
-window of Parzen (Priestley 1981, 6.2.3). A fit takes power out of its residuals where its columns have
-theirs: with h_j(f) = |Q_j(f)|^2 / N, Q orthonormal columns of the fit, the periodogram of joint j is divided
-by 1 - h_j(f), as HC2 divides squares of residuals by 1 - h_i (MacKinnon and White 1985).
+G is the Fourier transform of the scores g (weighted columns, or instruments), S the spectral density of the
+weighted residuals, from cross periodograms through a lag window of Parzen (Priestley 1981, 6.2.3). That of
+joint j is divided by 1 - h_j(f), h_j(f) = |Q_j(f)|^2 / N, Q orthonormal columns: what the fit takes of it.
 
 Supported: rank-deficient rows (unobservable directions stay at zero); runs of unequal weight; two or more
-whole periods, of any length in samples; joints without a row at some times (standstill).
+whole periods; joints without a row at some times.
 Not supported: noise whose size follows the motion, as errors of the model do (a jackknife holds for them);
 periodic motions that drift or start (cut these off, drop_first).
 """
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -42,19 +39,10 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, UsageError
+from symid.identification import regression
 from symid.identification.estimators.estimate import Residual
 from symid.identification.judge import POLICY, numerics
-from symid.identification.regression import (
-    SCALAR_KINDS,
-    Condensed,
-    Identifiability,
-    Rows,
-    compute_inverse_root,
-    compute_square_sums,
-    condense_rows,
-    count_freedom,
-    solve_condensed,
-)
+from symid.identification.regression import Condensed, Identifiability, Rows
 from symid.logs import Recording
 from symid.robot import Processing
 
@@ -97,8 +85,8 @@ def iterate_weights(
     weights = np.ones(len(counts))
     for _ in range(numerics.ROUNDS):
         values, leverage = solve(weights)
-        spent, _ = count_freedom(freedom, leverage, condensed.independent)
-        scatter = _compute_scatter(compute_square_sums(condensed, values), counts, spent)
+        spent, _ = regression.count_freedom(freedom, leverage, condensed.independent)
+        scatter = _compute_scatter(regression.compute_square_sums(condensed, values), counts, spent)
         before, weights = weights, 1.0 / np.maximum(scatter, floor)
         if np.abs(weights / before - 1.0).max() < numerics.CONVERGED:
             break
@@ -114,7 +102,8 @@ def _compute_scatter(
 
 
 def _weigh_condensed(condensed: Condensed, basis: FloatArray, freedom: str) -> FloatArray:
-    return iterate_weights(condensed, lambda weights: solve_condensed(condensed, basis, weights)[:2], freedom)
+    solve = partial(regression.solve_condensed, condensed, basis)
+    return iterate_weights(condensed, lambda weights: solve(weights)[:2], freedom)
 
 
 def fit_condensed(
@@ -126,9 +115,9 @@ def fit_condensed(
     how the variance of the noise is estimated, see `Processing.noise_freedom`.
     """
     weights = _weigh_condensed(condensed, basis, freedom) if weights is None else weights
-    found = solve_condensed(condensed, basis, weights)
-    spent, independent = count_freedom(freedom, found.leverage, condensed.independent)
-    square = float(compute_square_sums(condensed, found.values) @ weights**2)
+    found = regression.solve_condensed(condensed, basis, weights)
+    spent, independent = regression.count_freedom(freedom, found.leverage, condensed.independent)
+    square = float(regression.compute_square_sums(condensed, found.values) @ weights**2)
     variance = square / (independent * float(condensed.counts.sum() - spent.sum()))
     return RegressionFit(
         values=found.values,
@@ -141,9 +130,9 @@ def fit_condensed(
 
 
 def _compute_group_scatter(rows: Rows, residuals: FloatArray, spent: FloatArray | float) -> FloatArray:
-    own = [residuals[rows.group == index] for index in range(len(rows.group_names))]
-    squares, counts = np.array([[part @ part, len(part)] for part in own]).T
-    return _compute_scatter(squares, counts, spent)
+    size = len(rows.group_names)
+    squares = np.asarray(np.bincount(rows.group, residuals**2, size), dtype=np.float64)
+    return _compute_scatter(squares, np.bincount(rows.group, minlength=size), spent)
 
 
 def compute_residuals(rows: Rows, residuals: FloatArray, spent: FloatArray | float) -> tuple[Residual, ...]:
@@ -173,7 +162,7 @@ def fit_wls(rows: Rows, identifiability: Identifiability, freedom: str = "band")
 
 def estimate_group_weights(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> FloatArray:
     """Return the weights (g,) of `fit_wls`, the inverse scatter of every group's residuals."""
-    return _weigh_condensed(condense_rows(rows), identifiability.basis, freedom)
+    return _weigh_condensed(regression.condense_rows(rows), identifiability.basis, freedom)
 
 
 def fit_weighted(
@@ -181,16 +170,16 @@ def fit_weighted(
 ) -> RegressionFit:
     """Return the fit of rows in memory; else as `fit_condensed`."""
     basis = identifiability.basis
-    fit = fit_condensed(condense_rows(rows), basis, weights, freedom)
+    fit = fit_condensed(regression.condense_rows(rows), basis, weights, freedom)
     residuals = rows.values - rows.matrix @ fit.values
     fit = replace(fit, residuals=residuals, weights=fit.weights[rows.group] * np.sqrt(rows.weight))
-    if rows.kind not in SCALAR_KINDS:
+    if rows.kind not in regression.SCALAR_KINDS:
         return fit
     # B (F'F)^-1 F' diag(e_i^2 / (1 - h_i)^2) F (F'F)^-1 B' (HC3), h_i the leverage of row i, F = A B.
     found = measure_influence(rows, basis, fit.weights, residuals)
     spare = np.maximum(1.0 - np.sum(found.frame**2, axis=1), numerics.RANK)
     scores = found.scores * (found.residuals / spare)[:, None]
-    _, independent = count_freedom(freedom, fit.spent, rows.independent)
+    _, independent = regression.count_freedom(freedom, fit.spent, rows.independent)
     return replace(fit, covariance=found.left @ (scores.T @ scores) @ found.left.T / independent)
 
 
@@ -218,11 +207,7 @@ def fit_gls(
 
 
 def estimate_noise_covariance(rows: Rows, fit: RegressionFit) -> FloatArray:
-    """Return the covariance (g, g) of residuals of different groups at the same time.
-
-    From the times at which two groups both have rows. These differ from pair to pair; a matrix that is not
-    positive definite for that reason is moved towards its diagonal until it is.
-    """
+    """Return the covariance (g, g) of residuals of groups, from times at which both have rows."""
     table = _arrange_by_time(rows)
     scatter = _compute_group_scatter(rows, fit.residuals * np.sqrt(rows.weight), fit.spent)
     scatter = np.maximum(scatter, numerics.RANK * np.linalg.norm(rows.values) / np.sqrt(len(rows.values)))
@@ -233,12 +218,12 @@ def estimate_noise_covariance(rows: Rows, fit: RegressionFit) -> FloatArray:
     size = np.sqrt(np.maximum(np.diag(correlation), np.finfo(float).tiny))
     correlation = correlation / np.outer(size, size)
     np.fill_diagonal(correlation, 1.0)
+    # Times differ from pair to pair: a matrix that is not positive definite is moved towards its diagonal.
     least = float(np.linalg.eigvalsh(correlation)[0])
     if least < numerics.CONVERGED:
         share = (numerics.CONVERGED - least) / (1.0 - least)
         correlation = (1.0 - share) * correlation + share * np.eye(len(size))
-    covariance: FloatArray = correlation * np.outer(scatter, scatter)
-    return covariance
+    return np.asarray(correlation * np.outer(scatter, scatter))
 
 
 def whiten_rows(rows: Rows, noise: FloatArray) -> Rows:
@@ -253,23 +238,16 @@ def whiten_rows(rows: Rows, noise: FloatArray) -> Rows:
         values[places] = rows.values[places] @ inverse.T
         # Row by row of L^-1, so that no second copy of all equations is made.
         for k in range(len(groups)):
-            total = inverse[k, k] * rows.matrix[places[:, k]]
-            for i in range(k):
-                if inverse[k, i]:
-                    total += inverse[k, i] * rows.matrix[places[:, i]]
-            matrix[places[:, k]] = total
+            parts = (inverse[k, i] * rows.matrix[places[:, i]] for i in range(k + 1) if inverse[k, i])
+            matrix[places[:, k]] = sum(parts)
     return replace(rows, matrix=matrix, values=values)
 
 
 def _arrange_by_time(rows: Rows) -> NDArray[np.intp]:
     """Return the place (T, g) of every group's row at every time of every run, -1 where there is none."""
-    order = np.lexsort((rows.time, rows.run))
-    fresh = np.ones(len(order), dtype=bool)
-    fresh[1:] = (np.diff(rows.run[order]) != 0) | (np.diff(rows.time[order]) != 0.0)
-    instant = np.empty(len(order), dtype=np.intp)
-    instant[order] = np.cumsum(fresh) - 1
-    table = np.full((int(fresh.sum()), len(rows.group_names)), -1, dtype=np.intp)
-    table[instant, rows.group] = np.arange(len(order))
+    instants, place = np.unique(np.stack([rows.run, rows.time]), axis=1, return_inverse=True)
+    table = np.full((instants.shape[1], len(rows.group_names)), -1, dtype=np.intp)
+    table[place.ravel(), rows.group] = np.arange(len(rows.time))
     return table
 
 
@@ -284,10 +262,10 @@ def estimate_period_noise(
         UsageError: a log holds less than two periods, the number of periods does not fit that of the logs, or
             the torque does not repeat.
     """
-    if len(periods) not in {1, len(recordings)}:
+    each = list(periods) * len(recordings) if len(periods) == 1 else list(periods)
+    if len(each) != len(recordings):
         text = f"{len(periods)} periods for {len(recordings)} logs: give one for all, or one for each"
         raise UsageError(Notice(code="usage.period", text=text))
-    each = list(periods) * len(recordings) if len(periods) == 1 else list(periods)
     size = recordings[0].torque.shape[1]
     total, freedom = np.zeros((size, size)), 0
     for recording, period in zip(recordings, each, strict=True):
@@ -329,9 +307,7 @@ _MOST_LEVERAGE = 0.9
 class Influence:
     """How rows act on an estimate: x - x_true = left @ scores' e for weighted residuals e.
 
-    Args:
-        left: (p, r); scores: (m, r); frame: (m, r) orthonormal columns that the fit takes from residuals.
-        residuals: (m,) weighted.
+    `left` is (p, r), `scores` (m, r), `frame` (m, r) orthonormal columns that the fit takes from residuals.
     """
 
     left: FloatArray
@@ -346,10 +322,9 @@ def measure_influence(rows: Rows, basis: FloatArray, weights: FloatArray, residu
     `weights` (m,) are what the rows were multiplied by, `residuals` (m,) y - A x.
     """
     scores = (rows.matrix @ basis) * weights[:, None]
-    root = compute_inverse_root(scores)
-    return Influence(
-        left=basis @ root @ root.T, scores=scores, frame=scores @ root, residuals=residuals * weights
-    )
+    root = regression.compute_inverse_root(scores)
+    frame, left = scores @ root, basis @ root @ root.T
+    return Influence(left=left, scores=scores, frame=frame, residuals=residuals * weights)
 
 
 def compute_coloured_covariance(rows: Rows, influence: Influence) -> FloatArray:
@@ -365,10 +340,8 @@ def compute_coloured_covariance(rows: Rows, influence: Influence) -> FloatArray:
         count = int(places.max()) + 1
         size = 2 * count
         table = np.zeros((count, groups, 2 * rank + 2))
-        table[places, rows.group[own], :rank] = influence.scores[own]
-        table[places, rows.group[own], rank:-2] = influence.frame[own]
-        table[places, rows.group[own], -2] = influence.residuals[own]
-        table[places, rows.group[own], -1] = 1.0
+        columns = (influence.scores[own], influence.frame[own], influence.residuals[own], np.ones(len(own)))
+        table[places, rows.group[own]] = np.column_stack(columns)
         waves = np.fft.rfft(table, n=size, axis=0)
         scores, frame, errors = waves[..., :rank], waves[..., rank:-2], waves[..., -2]
         there = np.maximum(table[..., -1].sum(axis=0), 1.0)
@@ -395,8 +368,7 @@ def compute_coloured_covariance(rows: Rows, influence: Influence) -> FloatArray:
         # Every frequency but the first and the last stands for its negative too.
         double = np.full(len(density), 2.0)
         double[[0, -1]] = 1.0
-        part = np.einsum(
-            "fjr,fjk,fks->rs", scores.conj() * double[:, None, None], density, scores, optimize=True
-        )
+        weighted = scores.conj() * double[:, None, None]
+        part = np.einsum("fjr,fjk,fks->rs", weighted, density, scores, optimize=True)
         total += part.real / size
     return np.asarray(influence.left @ total @ influence.left.T)

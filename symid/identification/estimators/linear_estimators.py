@@ -6,8 +6,8 @@ Rows, what can be identified from them, options -> RegressionFit.
     huber       min sum rho(e_i / s_i),  rho(u) = u^2 / 2 for |u| <= k, else k |u| - k^2 / 2,  k = 1.345
     sequential  joint after joint, from the last to the first
 
-Ridge: sigma_j as for wls; x0 and d are a prior, from a model card or an estimate. The covariance is
-(A' S^-1 A + w D^-2)^-1; by default w is chosen by cross validation over contiguous blocks of each run.
+Ridge: sigma_j as for wls, x0 and d a prior; the covariance is (A' S^-1 A + w D^-2)^-1. By default w is chosen
+by cross validation over contiguous blocks of each run.
 
 Huber (1964), by iterated weights min(1, k / |u|); s_i is 1.4826 times the median of |e| of the joint. The
 covariance is V (F'F)^-1, F the rows over s_i (Huber 1981, 7.6), psi(u) = u min(1, k / |u|):
@@ -15,16 +15,15 @@ covariance is V (F'F)^-1, F the rows over s_i (Huber 1981, 7.6), psi(u) = u min(
     V = K^2 [sum psi^2 / (b m - p)] / (mean psi')^2,    K = 1 + p (1 - mean psi') / (m mean psi')
 
 Sequential: the torque of a joint depends only on the links that it carries. What its rows determine well
-(singular value, columns scaled to length one, above a thousandth of the largest) is estimated once and kept;
-the rest waits for the joints before. With B_j the map from the rows of joint j to x,
+(singular value above a thousandth of the largest) is kept, the rest waits for the joints before. With B_j the
+map from the rows of joint j to x,
 
     e <- (1 - B_j A_j) e + B_j noise_j,      C <- (1 - B_j A_j) C (1 - B_j A_j)' + s_j^2 B_j B_j'
 
-Supported: any estimator with any kind of rows that it allows; priors of some parameters; outliers in the
-torque, contacts that last a small part of the log; serial arms and trees.
 Not supported: priors with correlations; wrong states (leverage); least variance of `sequential`.
 """
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -35,17 +34,12 @@ from symid.arrays import FloatArray
 from symid.codegen import ModelCard
 from symid.errors import Notice, UsageError
 from symid.identification import regression
+from symid.identification.estimators import least_squares
 from symid.identification.estimators.consistent import Bodies, fit_consistent
 from symid.identification.estimators.estimate import Estimate
-from symid.identification.estimators.least_squares import (
-    RegressionFit,
-    estimate_group_weights,
-    fit_gls,
-    fit_ols,
-    fit_weighted,
-    fit_wls,
-)
+from symid.identification.estimators.least_squares import RegressionFit
 from symid.identification.judge import POLICY, numerics
+from symid.identification.regression import Identifiability, Rows
 
 _SMALL = 0.1
 """Part of the root mean square of the values in one unit that counts as the size of a smaller one."""
@@ -106,22 +100,19 @@ PRIOR_WEIGHTS = tuple(float(10.0 ** (0.5 * k)) for k in range(-12, 13))
 
 
 def fit_ridge(
-    rows: regression.Rows,
-    identifiability: regression.Identifiability,
+    rows: Rows,
+    identifiability: Identifiability,
     freedom: str = "band",
     *,
     prior: Prior | None,
     prior_weight: float | None = None,
 ) -> RegressionFit:
-    """Return the fit near a prior; arguments as for `fit_ols`, a UsageError where there is none.
-
-    `prior_weight` is not negative; None to choose it by cross validation.
-    """
+    """Return the fit near a prior, as `fit_ols`; `prior_weight` None is chosen by cross validation."""
     if prior is None:
         text = "the estimator ridge needs a prior: the robot file's values, or an estimate"
         raise UsageError(Notice(code="usage.no-prior", text=text))
-    inverse_scatter = estimate_group_weights(rows, identifiability, freedom)
-    first = fit_weighted(rows, identifiability, inverse_scatter, freedom)
+    inverse_scatter = least_squares.estimate_group_weights(rows, identifiability, freedom)
+    first = least_squares.fit_weighted(rows, identifiability, inverse_scatter, freedom)
     _, independent = regression.count_freedom(freedom, first.spent, rows.independent)
     # Rows behind a filter count for as many as they are worth, next to the prior.
     inverse_scatter = inverse_scatter * np.sqrt(independent)
@@ -151,9 +142,8 @@ def fit_ridge(
                 scores[tried] += float(regression.compute_square_sums(held_out, values) @ inverse_scatter**2)
         weight = min(scores, key=lambda entry: scores[entry])
     whole = float(np.sum((rows.values * inverse_scatter[rows.group]) ** 2 * rows.weight))
-    values, root = _solve_ridge(
-        regression.stack_condensed(regression.condense_rows(rows), inverse_scatter), pull, weight
-    )
+    triangle = regression.stack_condensed(regression.condense_rows(rows), inverse_scatter)
+    values, root = _solve_ridge(triangle, pull, weight)
     return replace(
         first,
         values=values,
@@ -165,21 +155,18 @@ def fit_ridge(
             "prior_weight": weight,
             "prior_weight_chosen": bool(scores),
             # Residual of the held-out blocks, relative to their weighted torque, for each weight.
-            "predicted_percent": [
-                (entry, 100.0 * float(np.sqrt(score / whole))) for entry, score in scores.items()
-            ],
+            "predicted_percent": [(one, 100.0 * math.sqrt(score / whole)) for one, score in scores.items()],
         },
     )
 
 
 def _solve_ridge(triangle: FloatArray, pull: FloatArray, weight: float) -> tuple[FloatArray, FloatArray]:
     """Return x (p,) and the root (p, p) of (A'A + w D^2)^+; unobservable directions stay at zero."""
-    whole = regression.extend_triangle(
-        np.zeros((0, triangle.shape[1])), [np.vstack([triangle, np.sqrt(weight) * pull])]
-    )
+    rows = np.vstack([triangle, np.sqrt(weight) * pull])
+    whole = regression.extend_triangle(np.zeros((0, triangle.shape[1])), [rows])
     matrix, target = whole[:, :-1], whole[:, -1]
     lengths = np.linalg.norm(matrix, axis=0)
-    scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
+    scales = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
     left, singular, right = np.linalg.svd(matrix * scales, full_matrices=False)
     kept = singular > numerics.RANK * singular[0]
     root = scales[:, None] * (right[kept].T / singular[kept])
@@ -189,11 +176,9 @@ def _solve_ridge(triangle: FloatArray, pull: FloatArray, weight: float) -> tuple
 _BEND = 1.345
 
 
-def fit_huber(
-    rows: regression.Rows, identifiability: regression.Identifiability, freedom: str = "band"
-) -> RegressionFit:
+def fit_huber(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
     """Return the robust fit; arguments as for `fit_ols`."""
-    first = fit_ols(rows, identifiability, freedom)
+    first = least_squares.fit_ols(rows, identifiability, freedom)
     basis, values, residuals = identifiability.basis, first.values, first.residuals
     scale, change, steps = _estimate_scale(rows, residuals), np.inf, 0
     # The scatter follows the residuals; where that does not end, it is held, so that the loss only falls.
@@ -225,14 +210,14 @@ def fit_huber(
         spent=taken,
         condition=plain.condition,
         weights=np.sqrt(_BEND / np.maximum(np.abs(ratios), _BEND) * rows.weight) / scale[rows.group],
-        notices=()
-        if change <= numerics.CONVERGED
-        else (Notice(code="identify.huber-not-converged", text=text),),
+        notices=(Notice(code="identify.huber-not-converged", text=text),)
+        if change > numerics.CONVERGED
+        else (),
         report={"outliers_percent": 100.0 * float(np.mean(np.abs(ratios) > _BEND)), "iterations": steps},
     )
 
 
-def _estimate_scale(rows: regression.Rows, residuals: FloatArray) -> FloatArray:
+def _estimate_scale(rows: Rows, residuals: FloatArray) -> FloatArray:
     """Return the scatter (g,) of each group, insensitive to outliers; never quite zero."""
     floor = numerics.RANK * float(np.linalg.norm(rows.values)) / np.sqrt(len(rows.values))
     scale = np.full(len(rows.group_names), floor)
@@ -246,16 +231,14 @@ def _estimate_scale(rows: regression.Rows, residuals: FloatArray) -> FloatArray:
 _WELL_DETERMINED = 1e-3
 
 
-def fit_sequential(
-    rows: regression.Rows, identifiability: regression.Identifiability, freedom: str = "band"
-) -> RegressionFit:
+def fit_sequential(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
     """Return the fit joint by joint, as `fit_ols`; raise UsageError for rows that sum over the joints."""
     if rows.kind in regression.SCALAR_KINDS:
-        text = (
-            f"{rows.kind} rows sum over the joints; for joint by joint use torque, momentum or filtered rows"
-        )
+        text = f"{rows.kind} rows sum over the joints"
+        text += "; for joint by joint use torque, momentum or filtered rows"
         raise UsageError(Notice(code="usage.sequential-rows", text=text))
-    condensed, together = regression.condense_rows(rows), fit_wls(rows, identifiability, freedom)
+    condensed = regression.condense_rows(rows)
+    together = least_squares.fit_wls(rows, identifiability, freedom)
     _, independent = regression.count_freedom(freedom, together.spent, condensed.independent)
     count = len(rows.names)
     # Joint by joint its triangle, how many independent rows it has, and what counts as well determined.
@@ -265,7 +248,8 @@ def fit_sequential(
         if condensed.counts[joint]
     ]
     # What no joint determines well on its own.
-    whole = regression.stack_condensed(condensed, estimate_group_weights(rows, identifiability, freedom))
+    weights = least_squares.estimate_group_weights(rows, identifiability, freedom)
+    whole = regression.stack_condensed(condensed, weights)
     stages.append(("all together", whole, len(rows.values), 0.0))
     # x and its covariance so far, and the directions (p, k) that are still open.
     values, covariance, unknown = np.zeros(count), np.zeros((count, count)), identifiability.basis
@@ -286,13 +270,8 @@ def fit_sequential(
         covariance = through @ covariance @ through.T + variance * (step @ step.T)
         unknown = unknown @ right[~determined].T
         order.append({"joint": name, "directions": size})
-    return replace(
-        together,
-        values=values,
-        covariance=covariance,
-        residuals=rows.values - rows.matrix @ values,
-        report={"order": order},
-    )
+    residuals, report = rows.values - rows.matrix @ values, {"order": order}
+    return replace(together, values=values, covariance=covariance, residuals=residuals, report=report)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -310,9 +289,9 @@ class EstimatorOptions:
 
 
 ESTIMATORS: Mapping[str, Callable[..., RegressionFit]] = {
-    "ols": fit_ols,
-    "wls": fit_wls,
-    "gls": fit_gls,
+    "ols": least_squares.fit_ols,
+    "wls": least_squares.fit_wls,
+    "gls": least_squares.fit_gls,
     "huber": fit_huber,
     "ridge": fit_ridge,
     "consistent": fit_consistent,
@@ -324,8 +303,8 @@ _OWN = {"gls": ("noise",), "ridge": ("prior", "prior_weight"), "consistent": ("b
 
 def fit_rows(
     estimator: str,
-    rows: regression.Rows,
-    identifiability: regression.Identifiability,
+    rows: Rows,
+    identifiability: Identifiability,
     freedom: str = "band",
     options: EstimatorOptions | None = None,
 ) -> RegressionFit:

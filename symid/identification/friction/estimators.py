@@ -10,7 +10,9 @@ exact optimum and its few solves.
 """
 
 import difflib
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -20,6 +22,7 @@ from symid.arrays import FloatArray
 from symid.errors import Notice, SolverError, UsageError
 from symid.identification.estimators import ParameterEstimate
 from symid.identification.friction import joint_fit, searches
+from symid.identification.friction.joint_fit import FrictionEstimate, FrictionSamples, FrictionSearch
 from symid.identification.friction.problem import SPEED_UNITS, FrictionOptions, FrictionProblem, build_problem
 from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import solve_scaled
@@ -28,14 +31,15 @@ from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_
 
 
 def list_refusals(
-    problem: FrictionProblem, search: joint_fit.FrictionSearch, uncertainty: joint_fit.Uncertainty
+    problem: FrictionProblem, search: FrictionSearch, uncertainty: joint_fit.Uncertainty
 ) -> dict[str, str]:
     """Return the reason for every parameter, of the law and beside it, that is refused."""
     law, samples = problem.law, problem.samples
     names = [*(entry.name for entry in law.physical), *samples.extra_names]
     refused: dict[str, str] = {}
     # What the motion lacks, and samples without the motion of noise.
-    rows = samples.build_rows().velocity
+    rows = samples.rows.velocity
+    unit = "m/s" if samples.prismatic else "rad/s"
     speeds, lacks, moved, cases = np.abs(rows[rows != 0.0]), list[str](), samples, [uncertainty]
     if joint_fit.is_one_sided(rows):
         direction = 1.0 if np.sum(rows > 0.0) > np.sum(rows < 0.0) else -1.0
@@ -44,39 +48,36 @@ def list_refusals(
     if len(speeds):
         middle = float(np.median(speeds))
         if float(np.subtract(*np.quantile(speeds, (0.975, 0.025)))) <= 0.05 * middle:
-            lacks.append(f"at one speed only, {middle:.3g} {'m/s' if samples.prismatic else 'rad/s'}")
+            lacks.append(f"at one speed only, {middle:.3g} {unit}")
             moved = replace(moved, velocity=np.sign(moved.velocity) * middle, reduce=None)
     lack = f"the joint moved {' and '.join(lacks)}" if len(speeds) and lacks else ""
     if lack:
         design = joint_fit.compute_sensitivities(moved, law, search.linear, search.shape)
         cases.append(joint_fit.compute_uncertainty(design, law, 1.0, list(~problem.is_free)))
+    reason = lack or "the columns are linearly dependent on these samples"
     for case in cases:
         lost = np.isinf(np.concatenate([case.physical, case.other]))
         together = [name for name, gone in zip(names, lost, strict=True) if gone]
-        reason = lack or "the columns are linearly dependent on these samples"
         for name in together:
             others = ", ".join(other for other in together if other != name)
             end = f"it cannot be separated from {others}" if others else "it has no effect"
             refused.setdefault(name, f"{reason}: {end}")
-    refused |= {k: v for k, v in _refuse_shapes(problem, search).items() if k not in refused}
+    refused |= {k: v for k, v in _refuse_shapes(problem, search, unit).items() if k not in refused}
     values = law.to_physical(search.linear, search.shape)
     # Shape values, and what depends on a refused one, with large deviations.
     shapes = {entry.name for entry, free in zip(law.shape, problem.is_free, strict=True) if free}
     # A value at its bound is known with the bound, and may well be zero.
     known = {*refused, *(list_active_bounds(problem, search, uncertainty).keys() - shapes)}
-    uncertain: dict[str, str] = {}
     # Values of the shape first: where one is refused, the terms that it bends are uncertain as well.
     for bends in (True, False):
-        bent = bool(shapes & (refused.keys() | uncertain.keys()))
+        bent = bool(shapes & refused.keys())
         for entry, value, std in zip(law.physical, values, uncertainty.physical, strict=True):
             other = entry.name.startswith("fS") or (bent and entry.lower == 0.0)
             checked = entry.name in shapes if bends else other and entry.name not in shapes
             if checked and entry.name not in known and 100.0 * std > POLICY.uncertain * abs(value):
-                unit = entry.unit_prismatic if problem.samples.prismatic else entry.unit
-                uncertain[entry.name] = (
-                    f"its standard deviation, {std:.3g} {unit}, exceeds {POLICY.uncertain:g} % of its value"
-                )
-    refused |= uncertain
+                size = f"{std:.3g} {entry.unit_prismatic if samples.prismatic else entry.unit}"
+                text = f"its standard deviation, {size}, exceeds {POLICY.uncertain:g} % of its value"
+                refused[entry.name] = text
     place = next((k for k, entry in enumerate(law.shape) if entry.name == "dq0"), None)
     if place is not None and "dq0" in refused:
         # What acts only inside the zone about standstill is refused with the zone.
@@ -89,7 +90,7 @@ def list_refusals(
     return refused
 
 
-def _refuse_shapes(problem: FrictionProblem, search: joint_fit.FrictionSearch) -> dict[str, str]:
+def _refuse_shapes(problem: FrictionProblem, search: FrictionSearch, unit: str) -> dict[str, str]:
     """Return the reason for every shape value, and what depends on it, that the samples do not show."""
     law, samples = problem.law, problem.samples
     refused: dict[str, str] = {}
@@ -98,8 +99,7 @@ def _refuse_shapes(problem: FrictionProblem, search: joint_fit.FrictionSearch) -
     whole = problem.compute_columns(search.shape)
     freedom = max(len(problem.target) - len(law.physical) - len(samples.extra_names), 1)
     variance = search.objective / freedom
-    unit = "m/s" if samples.prismatic else "rad/s"
-    slowest = float(np.min(np.abs(samples.build_rows().velocity)))
+    slowest = float(np.min(np.abs(samples.rows.velocity)))
     free = np.flatnonzero(problem.is_free).tolist()
     for place in free:
         entry, value = law.shape[place], float(search.shape[place])
@@ -134,11 +134,7 @@ def _list_dependents(law: FrictionLaw, terms: list[int], places: list[int]) -> l
 
 
 def _is_as_good(
-    problem: FrictionProblem,
-    search: joint_fit.FrictionSearch,
-    columns: FloatArray,
-    variance: float,
-    freedom: int,
+    problem: FrictionProblem, search: FrictionSearch, columns: FloatArray, variance: float, freedom: int
 ) -> bool:
     """Return whether fewer columns leave J no greater than chance explains."""
     residual = problem.target
@@ -150,12 +146,12 @@ def _is_as_good(
 
 
 def list_fit_notices(
-    problem: FrictionProblem, search: joint_fit.FrictionSearch, refused: dict[str, str], held: dict[str, str]
+    problem: FrictionProblem, search: FrictionSearch, refused: dict[str, str], held: dict[str, str]
 ) -> tuple[Notice, ...]:
     """Return the warnings of a fit; `held` is what `list_active_bounds` found."""
     law = problem.law
     found = [("refused", f"{name} is not identifiable: {reason}") for name, reason in refused.items()]
-    rows = problem.samples.build_rows().velocity
+    rows = problem.samples.rows.velocity
     if joint_fit.is_one_sided(rows):
         text = "the joint moves in one direction only: friction in the other direction is not identifiable"
         found.append(("one-direction", text))
@@ -182,14 +178,14 @@ def list_fit_notices(
         if value < entry.lower and entry.name not in refused:
             text = f"{entry.name} = {value:.4g} is below its physical bound, {entry.lower:g}"
             found.append(("beyond-bound", f"{text}; the estimator 'nlp' keeps bounds"))
-    if search.outcome.name not in {"CONVERGED", "STAGNATED"}:
+    if search.outcome not in {Ending.CONVERGED, Ending.STAGNATED}:
         text = f"the search did not converge: {search.ended} ({search.outcome.value})"
         found.append(("outcome", text))
     return tuple(Notice(code=f"friction.{code}", text=text) for code, text in found)
 
 
 def list_active_bounds(
-    problem: FrictionProblem, search: joint_fit.FrictionSearch, uncertainty: joint_fit.Uncertainty
+    problem: FrictionProblem, search: FrictionSearch, uncertainty: joint_fit.Uncertainty
 ) -> dict[str, str]:
     """Return the physical parameters with an active bound, and which: "at its lower bound, 0: ...".
 
@@ -224,7 +220,7 @@ def list_active_bounds(
     return held
 
 
-def locate_edge(problem: FrictionProblem, search: joint_fit.FrictionSearch, place: int) -> str:
+def locate_edge(problem: FrictionProblem, search: FrictionSearch, place: int) -> str:
     """Return "lower" or "upper" where a shape value is at that bound of its search, else ""."""
     if not problem.is_free[place]:
         return ""
@@ -234,18 +230,27 @@ def locate_edge(problem: FrictionProblem, search: joint_fit.FrictionSearch, plac
     return "upper" if high - z <= numerics.CONVERGED * (high - low) else ""
 
 
-ESTIMATORS = ("varpro", "root-finding", "nlp", "genetic", "annealing", "differential-evolution")
-STOCHASTIC = frozenset({"genetic", "annealing", "differential-evolution"})
+_EXACT = {
+    "varpro": searches.search_by_projection,
+    "root-finding": searches.search_by_roots,
+    "nlp": searches.search_by_nlp,
+}
+_DRAWN: dict[str, Callable[..., FrictionSearch]] = {
+    "genetic": partial(searches.search_by_population, anneal=False),
+    "annealing": partial(searches.search_by_population, anneal=True),
+    "differential-evolution": searches.search_by_evolution,
+}
+ESTIMATORS, STOCHASTIC = (*_EXACT, *_DRAWN), frozenset(_DRAWN)
 
 
 def fit_friction(
-    samples: joint_fit.FrictionSamples,
+    samples: FrictionSamples,
     law: FrictionLaw,
     *,
     estimator: str = "varpro",
     options: FrictionOptions | None = None,
     generator: np.random.Generator | None = None,
-) -> joint_fit.FrictionEstimate:
+) -> FrictionEstimate:
     """Return the law's parameters and their uncertainty.
 
     `estimator` is one of `ESTIMATORS`; `generator` that of a stochastic search, by default a new one from
@@ -262,21 +267,13 @@ def fit_friction(
     return build_estimate(problem, search, estimator)
 
 
-def check_search(search: joint_fit.FrictionSearch, joint: str, estimator: str) -> None:
-    """Raise SolverError for a search that ended without usable numbers."""
-    if not search.outcome.usable:
-        text = f"estimator {estimator!r}, joint {joint!r}: {search.ended} ({search.outcome.value})"
-        raise SolverError(Notice(code="friction.solver", text=text))
-
-
 def check_estimator(estimator: str) -> None:
     """Raise UsageError for an unknown estimator."""
-    if estimator in ESTIMATORS:
-        return
-    near = difflib.get_close_matches(estimator, ESTIMATORS, n=1, cutoff=0.4)
-    hint = f"did you mean {near[0]}? " if near else ""
-    text = f"unknown estimator {estimator!r} of friction; {hint}choose one of {', '.join(ESTIMATORS)}"
-    raise UsageError(Notice(code="usage.friction-estimator", text=text))
+    if estimator not in ESTIMATORS:
+        near = difflib.get_close_matches(estimator, ESTIMATORS, n=1, cutoff=0.4)
+        hint = f"did you mean {near[0]}? " if near else ""
+        text = f"unknown estimator {estimator!r} of friction; {hint}choose one of {', '.join(ESTIMATORS)}"
+        raise UsageError(Notice(code="usage.friction-estimator", text=text))
 
 
 def search_friction(
@@ -285,28 +282,20 @@ def search_friction(
     estimator: str,
     options: FrictionOptions,
     generator: np.random.Generator | None = None,
-) -> joint_fit.FrictionSearch:
+) -> FrictionSearch:
     """Return the end of the search; arguments and errors as for `fit_friction`."""
     check_estimator(estimator)
-    generator = np.random.default_rng(options.seed) if generator is None else generator
-    match estimator:
-        case "varpro":
-            return searches.search_by_projection(problem, options)
-        case "root-finding":
-            return searches.search_by_roots(problem, options)
-        case "nlp":
-            return searches.search_by_nlp(problem, options)
-        case "differential-evolution":
-            return searches.search_by_evolution(problem, options, generator)
-    return searches.search_by_population(problem, options, generator, anneal=estimator == "annealing")
+    if estimator in _EXACT:
+        return _EXACT[estimator](problem, options)
+    return _DRAWN[estimator](problem, options, generator or np.random.default_rng(options.seed))
 
 
-def build_estimate(
-    problem: FrictionProblem, search: joint_fit.FrictionSearch, estimator: str
-) -> joint_fit.FrictionEstimate:
+def build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator: str) -> FrictionEstimate:
     """Return what the end of a search says; raise SolverError where that is nothing."""
     samples, law = problem.samples, problem.law
-    check_search(search, samples.joint, estimator)
+    if not search.outcome.usable:
+        text = f"estimator {estimator!r}, joint {samples.joint!r}: {search.ended} ({search.outcome.value})"
+        raise SolverError(Notice(code="friction.solver", text=text))
     design = problem.condense_sensitivities(search.linear, search.shape)
     other = problem.solve_beside(search.linear, search.shape)
     rows, fixed = len(problem.target), (~problem.is_free).tolist()
@@ -318,24 +307,17 @@ def build_estimate(
     floor = 1e-30 * float(problem.target @ problem.target)
     aicc, bic = joint_fit.compute_criteria(max(search.objective, floor), rows, uncertainty.rank)
     values = law.to_physical(search.linear, search.shape)
-    own = [
-        ParameterEstimate(
-            name=entry.name,
-            value=value,
-            std=float(std),
-            unit=entry.unit_prismatic if samples.prismatic else entry.unit,
-            expression=entry.meaning,
-            reason=reasons.get(entry.name, ""),
-        )
-        for entry, value, std in zip(law.physical, values, uncertainty.physical, strict=True)
-    ]
+    own = []
+    for entry, value, std in zip(law.physical, values, uncertainty.physical.tolist(), strict=True):
+        unit, reason = entry.unit_prismatic if samples.prismatic else entry.unit, reasons.get(entry.name, "")
+        own.append(ParameterEstimate(entry.name, value, std, unit, entry.meaning, reason))
     units = samples.extra_units or ("",) * len(samples.extra_names)
     rest = zip(samples.extra_names, other.tolist(), uncertainty.other.tolist(), units, strict=True)
-    beside = [ParameterEstimate(name=name, value=at, std=std, unit=unit) for name, at, std, unit in rest]
+    beside = [ParameterEstimate(*entry) for entry in rest]
     ended: dict[str, Any] = search._asdict()
     if refused and search.outcome in {Ending.CONVERGED, Ending.STAGNATED}:
         ended["outcome"] = Ending.SOME_REFUSED
-    return joint_fit.FrictionEstimate(
+    return FrictionEstimate(
         **ended,
         joint=samples.joint,
         law=law.name,

@@ -1,23 +1,17 @@
 """From recordings to the friction torque of one joint: the measured torque without the rigid part.
 
     tau = Y_j(q, dq, ddq) beta + friction of others + tau_f(dq)
+    tau - load = IA ddq + friction of others + tau_f(dq, load)         where the load was measured
 
-The rigid part is fitted with friction: the independent columns of Y_j on these motions, or J ddq + a sin q
-+ b cos q where they span the same. Or it is subtracted, with known base parameters. Where sensors behind the
-gears measured the load, no model of links is needed:
+The rigid part is fitted with friction, the independent columns of Y_j on these motions, or J ddq + a sin q
++ b cos q where they span the same; or it is subtracted, with known base parameters. Periods of a cosine
+motion can be averaged first: the noise falls by sqrt(K), and filters see a signal without ends.
 
-    tau - load = IA ddq + friction of others + tau_f(dq, load)
+What the processing leaves open is chosen from the logs. A bend of a law turns noise of the velocity into a
+bias: positions of every joint pass a low-pass at the end of its clean band (`measure_bands`), at the rule's
+cut-off at most. Ends of logs in motion are left out, two periods of the lowest cut-off.
 
-Periods of a cosine motion can be averaged first: the noise falls by sqrt(K), and filters see a signal without
-ends.
-
-What the processing leaves open is chosen from the logs. Laws bend within a few hundredths of a rad/s, and a
-bend turns noise of the velocity into a bias: positions of every joint pass a low-pass at the end of its clean
-band (`measure_bands`), where noise takes over, at the rule's cut-off at most. Ends of logs that begin or end
-in motion are left out, two periods of the lowest cut-off.
-
-Supported: one moving joint or several; recordings at several poses; drives that turn with several joints,
-whose friction is fitted along; any period of several samples.
+Supported: one moving joint or several; several poses; drives that turn with several joints.
 Not supported: elastic joints; other joints' friction that is not linear in its parameters; an unknown
 period; motions that drift (positions that differ by more than a tenth of their range are refused).
 """
@@ -31,19 +25,12 @@ import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
-from symid.codegen import Library
+from symid.codegen import Library, ParameterCard
 from symid.errors import IdentifiabilityError, LogError, Notice
 from symid.identification import regression
 from symid.identification.friction.joint_fit import FrictionSamples, build_reduction
 from symid.identification.judge import POLICY, numerics
-from symid.logs import (
-    Recording,
-    Signals,
-    choose_processing,
-    mask_decimated,
-    mask_states,
-    prepare_signals,
-)
+from symid.logs import Recording, Signals, choose_processing, mask_decimated, mask_states, prepare_signals
 from symid.robot import Processing
 
 
@@ -52,10 +39,9 @@ def fold_recording(recording: Recording, period: float, *, margin: int) -> Recor
 
     Raises LogError for less than two periods, a period of few samples, or a wrong period.
     """
-    step = recording.period
-    samples = round(period / step)
+    samples = round(period / recording.period)
     # The last sample stands for the step behind it.
-    periods = int((len(recording.time) * step + 1e-9 * period) // period)
+    periods = int((len(recording.time) * recording.period + 1e-9 * period) // period)
     # Rows reach up to a part of the sample rate, the period as well.
     least = round(1.0 / POLICY.row_band)
     if samples < least or periods < 2:
@@ -69,17 +55,18 @@ def fold_recording(recording: Recording, period: float, *, margin: int) -> Recor
     exact = periods * period / (time[1] - time[0])
 
     def cut(values: FloatArray, *, degree: int) -> FloatArray:
-        if abs(exact - wanted) < 1e-3 and wanted <= len(values):
-            return values[:wanted].reshape(periods, samples, -1)
-
-        at = time[0] + np.arange(wanted) * period / samples
-        spline = scipy.interpolate.make_interp_spline(time, values, k=degree, axis=0)
-        # Rounding may put the last place a hair behind the last sample.
-        found: FloatArray = spline(np.minimum(at, time[-1]))
+        found = values[:wanted]
+        if abs(exact - wanted) >= 1e-3 or wanted > len(values):
+            at = time[0] + np.arange(wanted) * period / samples
+            # Rounding may put the last place a hair behind the last sample.
+            spline = scipy.interpolate.make_interp_spline(time, values, k=degree, axis=0)
+            found = spline(np.minimum(at, time[-1]))
         return found.reshape(periods, samples, -1)
 
-    position, torque, bad = cut(recording.position, degree=3), cut(recording.torque, degree=1), recording.bad
-    places = np.arange(-margin, samples + margin)
+    position, places = cut(recording.position, degree=3), np.arange(-margin, samples + margin)
+    names = ("torque", "load", "temperature")
+    known = {name: values for name in names if (values := getattr(recording, name)) is not None}
+    bad = None if recording.bad is None else np.any(cut(recording.bad.astype(float), degree=1), axis=0)
     text = f"{periods} periods of {period:g} s were averaged (--period)"
     notices = [Notice(code="log.folded", text=text, file=recording.source)]
     spread = np.ptp(position.mean(axis=0), axis=0)
@@ -98,25 +85,23 @@ def fold_recording(recording: Recording, period: float, *, margin: int) -> Recor
         # most decides.
         if most > POLICY.good:
             raise LogError(notices[-1])
-    others = {
-        name: cut(values, degree=1).mean(axis=0)[places % samples]
-        for name in ("load", "temperature")
-        if (values := getattr(recording, name)) is not None
-    }
+    columns = {name: cut(values, degree=1).mean(axis=0)[places % samples] for name, values in known.items()}
     return replace(
         recording,
         time=recording.time[0] + np.arange(len(places)) * period / samples,
         position=position.mean(axis=0)[places % samples],
-        torque=torque.mean(axis=0)[places % samples],
+        bad=None if bad is None else bad[places % samples],
         velocity=None,
         acceleration=None,
-        bad=None if bad is None else np.any(cut(bad.astype(float), degree=1), axis=0)[places % samples],
         motor_position=None,
         link_position=None,
         extras={},
         notices=(*recording.notices, *notices),
-        **others,
+        **columns,
     )
+
+
+Inputs = tuple[FloatArray, ...]
 
 
 class Column(NamedTuple):
@@ -139,24 +124,17 @@ def _keep_independent(columns: list[Column]) -> list[Column]:
     return [columns[k] for k in kept]
 
 
-_PHYSICAL = {"J": "J ddq", "a": "a sin q", "b": "b cos q"}
-
-
 def list_independent(columns: FloatArray) -> list[int]:
     """Return which columns of (N, p) are linearly independent of those before them."""
     lengths = np.linalg.norm(columns, axis=0)
-    basis, kept = list[FloatArray](), []
-    least = 1e-10 * max(float(lengths.max(initial=0.0)), float(np.finfo(float).tiny))
-    for k, length in enumerate(lengths):
-        if length <= least:
-            continue
-        rest = columns[:, k] / length
+    basis, kept = np.empty((len(columns), 0)), []
+    least = numerics.RANK * max(float(lengths.max(initial=0.0)), numerics.TINY)
+    for k in np.flatnonzero(lengths > least).tolist():
+        rest = columns[:, k] / lengths[k]
         for _ in range(2):  # twice, against rounding
-            for direction in basis:
-                rest = rest - direction * (direction @ rest)
-        size = float(np.linalg.norm(rest))
-        if size > 1e-6:
-            basis.append(rest / size)
+            rest = rest - basis @ (basis.T @ rest)
+        if (size := float(np.linalg.norm(rest))) > numerics.CONVERGED:
+            basis = np.column_stack([basis, rest / size])
             kept.append(k)
     return kept
 
@@ -214,36 +192,33 @@ class JointLogs:
     def list_rigid_columns(self, joint: int, runs: Sequence[int]) -> list[Column]:
         """Return the joint's row of the torque regressor."""
         states = [(part.q, part.dq, part.ddq) for part in (self.signals[k] for k in runs)]
-        rows = self._evaluate_rows("torque_regressor", states, joint)
-        columns = zip(self.library.card.beta, rows.T, strict=True)
-        return [Column(entry.name, values, entry.unit) for entry, values in columns]
+        return self._evaluate_columns("torque_regressor", self.library.card.beta, states, joint)
 
     def list_friction_columns(self, joint: int, runs: Sequence[int]) -> list[Column]:
         """Return the columns of the friction of all joints that acts on this one."""
-        card = self.library.card
+        card, states = self.library.card, []
         if not (cards := card.friction):
             return []
-        states = []
         for part in (self.signals[k] for k in runs):
             given = {"q": part.q, "load": part.load, "temperature": part.temperature}
             if all(entry.joint in {one.name for one in card.joints} for entry in cards):
                 # Joints' own friction is that of the laws to be found: what it reads may be unknown.
                 given = {name: part.dq * 0.0 if one is None else one for name, one in given.items()}
             states.append(card.gather_friction_inputs(part.dq, **given))
-        rows = self._evaluate_rows("friction_regressor", states, joint)
-        return [Column(entry.name, values, entry.unit) for entry, values in zip(cards, rows.T, strict=True)]
+        return self._evaluate_columns("friction_regressor", cards, states, joint)
 
-    def _evaluate_rows(
-        self, function: str, states: Sequence[tuple[FloatArray, ...]], joint: int
-    ) -> FloatArray:
-        """Return the joint's rows (N, p) of a regressor, by pieces that stay in the cache."""
+    def _evaluate_columns(
+        self, function: str, cards: Sequence[ParameterCard], states: Sequence[Inputs], joint: int
+    ) -> list[Column]:
+        """Return the joint's columns of a regressor, by pieces that stay in the cache."""
         rows = []
         for run in states:
             for start in range(0, len(run[0]), numerics.BLOCK):
                 piece = (values[start : start + numerics.BLOCK] for values in run)
                 # A copy: one row in n is kept.
                 rows.append(self.library.evaluate(function, *piece)[0][:, joint].copy())
-        return np.vstack(rows)
+        columns = np.vstack(rows).T
+        return [Column(entry.name, values, entry.unit) for entry, values in zip(cards, columns, strict=True)]
 
     def list_physical_columns(self, joint: int, runs: Sequence[int]) -> list[Column]:
         """Return inertia and weight of a joint that moves alone."""
@@ -258,19 +233,18 @@ class JointLogs:
         ddq = np.concatenate([self.signals[k].ddq for k in runs])
         rows = regression.compute_rotor_columns(ddq, self.rotors)[:, joint]
         unit = "kg" if self.library.card.joints[joint].kind == "prismatic" else "kg m^2"
-        coupled = enumerate(self.rotors, start=ddq.shape[1])
-        return [
-            Column(ROTOR, rows[:, joint], unit),
-            *(Column(one.name, rows[:, k], unit) for k, one in coupled if one.turns[joint]),
-        ]
+        coupled = [(k, one) for k, one in enumerate(self.rotors, start=ddq.shape[1]) if one.turns[joint]]
+        own = Column(ROTOR, rows[:, joint], unit)
+        return [own, *(Column(one.name, rows[:, k], unit) for k, one in coupled)]
 
     def build_samples(self, joint: int, runs: Sequence[int], columns: Sequence[Column]) -> FrictionSamples:
         """Return a joint's samples in some recordings: the whole torque, and columns beside friction."""
         velocity, torque, position = (self.gather(name, joint, runs) for name in ("dq", "tau", "q"))
-        card, lengths = self.library.card.joints[joint], [len(self.signals[k].time) for k in runs]
+        card, times = self.library.card.joints[joint], [self.signals[k].time for k in runs]
+        lengths = list(map(len, times))
         return FrictionSamples(
             joint=card.name,
-            time=np.concatenate([self.signals[k].time for k in runs]),
+            time=np.concatenate(times),
             velocity=velocity,
             torque=torque,
             extra=np.column_stack([np.empty((len(velocity), 0)), *(column.values for column in columns)]),
@@ -287,6 +261,7 @@ class JointLogs:
 
 ROTOR = "IA"
 """Name of the inertia of a joint's own rotor, on the side of the joint."""
+_PHYSICAL = {"J": "J ddq", "a": "a sin q", "b": "b cos q"}
 
 
 class ExtractedJoint(NamedTuple):
@@ -306,8 +281,7 @@ def describe_cutoffs(logs: JointLogs) -> tuple[Notice, ...]:
     """Return a notice on the cut-offs that noise set, log by log."""
     joints, found = [card.name for card in logs.library.card.joints], []
     for source, cutoffs, resting in zip(logs.sources, logs.cutoffs, logs.resting, strict=False):
-        pairs = enumerate(zip(joints, cutoffs, strict=True))
-        listed = ", ".join(f"{name} {cutoff:g}" for k, (name, cutoff) in pairs if k not in resting)
+        listed = ", ".join(f"{joints[k]} {cut:g}" for k, cut in enumerate(cutoffs) if k not in resting)
         text = (
             f"positions pass a low-pass where their noise takes over (Hz): {listed}; more noise of the "
             "velocity would bend the laws. To set one for all, state filter_cutoff under [processing]"
@@ -322,9 +296,8 @@ def _prepare_at_cutoffs(recording: Recording, processing: Processing, cutoffs: F
     # Of a short log not much is left out.
     most = len(recording.time) // 20
     first, last = (min(spoilt, most) for spoilt in regression.measure_moving_ends(lowest, [recording]))
-    cut = replace(
-        processing, drop_first=max(first, processing.drop_first), drop_last=max(last, processing.drop_last)
-    )
+    first, last = max(first, processing.drop_first), max(last, processing.drop_last)
+    cut = replace(processing, drop_first=first, drop_last=last)
     found = {one: prepare_signals(recording, replace(cut, filter_cutoff=float(one))) for one in cutoffs}
 
     def gather(name: str) -> FloatArray:
@@ -342,18 +315,10 @@ def prepare_joint_logs(
     measured: Sequence[bool] = (),
     rotors: Sequence[regression.Rotor] = (),
 ) -> JointLogs:
-    """Return the recordings filtered and differentiated.
+    """Return the recordings filtered and differentiated; what `processing` leaves open is chosen.
 
-    Args:
-        library: functions of the robot.
-        recordings: at least one.
-        processing: of the robot; what it leaves open is chosen.
-        measured: (n,) joints whose torques are taken less their loads; empty for none.
-        rotors: of coupled drives, which then stand beside friction.
-
-    Raises:
-        LogError: a recording does not fit the robot.
-        IdentifiabilityError: no joint moves.
+    Torques of joints `measured` (n,) are taken less their loads, and `rotors` of coupled drives then stand
+    beside friction. Raises LogError for another robot, IdentifiabilityError where no joint moves.
     """
     regression.check_joints(library, recordings)
     recordings = [regression.subtract_loads(recording, measured) for recording in recordings]
@@ -367,28 +332,24 @@ def prepare_joint_logs(
             "both ways, slowly and fast"
         )
         raise IdentifiabilityError(Notice(code="identify.standstill", text=text))
-    pairs, cutoffs = list(zip(recordings, resting, strict=True)), list[FloatArray]()
+    cutoffs = list[FloatArray]()
     if is_open:
         # Where noise takes over, beyond the band of the motion, at most that of the rule.
-        rule, cutoffs = processing.filter_cutoff or 0.0, []
-        least = regression.measure_scoring_band(recordings)
-        for one, still in pairs:
+        rule, least = processing.filter_cutoff or 0.0, regression.measure_scoring_band(recordings)
+        for one, still in zip(recordings, resting, strict=True):
             wanted = [min(max(band.clean, least), rule) for band in regression.measure_bands(one)]
             found = (rule if k in still else float(f"{cut:.3g}") for k, cut in enumerate(wanted))
             cutoffs.append(np.array(list(found)))
         states = list(map(_prepare_at_cutoffs, recordings, [processing] * len(recordings), cutoffs))
-        if any(np.any(entry < (processing.filter_cutoff or 0.0)) for entry in cutoffs):
+        if any(np.any(entry < rule) for entry in cutoffs):
             # Noise decides, and that of another log may be another one.
             processing = replace(processing, filter_cutoff=None, automatic=True)
     else:
         states = [prepare_signals(one, processing) for one in recordings]
-    signals = tuple(
-        regression.hold_resting_joints(one, still) for one, still in zip(states, resting, strict=True)
-    )
+    signals = tuple(map(regression.hold_resting_joints, states, resting))
     kinds = np.array([joint.kind == "prismatic" for joint in library.card.joints])
     carried = []
-    for entry in signals:
-        peaks = np.max(np.abs(entry.dq), axis=0)
+    for peaks in (np.max(np.abs(entry.dq), axis=0) for entry in signals):
         # Relative to the fastest joint of the same kind.
         fastest = np.array([np.max(peaks[kinds == kind]) for kind in kinds])
         moved = (peaks > 0.0) & (peaks < POLICY.relevance * fastest)
@@ -409,11 +370,7 @@ def prepare_joint_logs(
 def extract_joint(
     logs: JointLogs, joint: int, *, runs: Sequence[int] | None = None, beta: FloatArray | None = None
 ) -> ExtractedJoint:
-    """Return the samples of a joint (its number) in `runs`, by default the recordings that move it.
-
-    `beta` (p,) are base parameters that are known; None to fit the rigid part. Raises IdentifiabilityError
-    where no recording moves the joint, or no row is left.
-    """
+    """Return a joint's samples in `runs`, by default the recordings that move it, as `identify_friction`."""
     card = logs.library.card.joints[joint]
     chosen = logs.list_moving(joint) if runs is None else tuple(runs)
     if not chosen:
@@ -426,7 +383,7 @@ def extract_joint(
         raise IdentifiabilityError(Notice(code="friction.at-rest", text=text))
     samples, sentence, count = _treat_rigid(logs, joint, chosen, beta)
     standstill, notices = logs.processing.get_standstill(joint), list[Notice]()
-    kept = ~(np.abs(samples.build_rows().velocity) < standstill)
+    kept = ~(np.abs(samples.rows.velocity) < standstill)
     if not kept.any():
         text = (
             f"joint {samples.joint!r}: every row is slower than processing.standstill = {standstill:g}; "
@@ -466,10 +423,8 @@ def _treat_rigid(
     if logs.is_measured(joint):
         rotors = _keep_independent(logs.list_rotor_columns(joint, runs))
         samples = logs.build_samples(joint, runs, [*rotors, *fitted])
-        sentence = "the measured load was subtracted"
-        if rotors:
-            sentence += f"; {' and '.join(one.name for one in rotors)} of the rotor was fitted along"
-        return samples, sentence, 0
+        along = f"; {' and '.join(one.name for one in rotors)} of the rotor was fitted along"
+        return samples, f"the measured load was subtracted{along if rotors else ''}", 0
     rigid = logs.list_rigid_columns(joint, runs)
     if beta is not None:
         samples = logs.build_samples(joint, runs, fitted)

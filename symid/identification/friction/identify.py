@@ -6,22 +6,19 @@ Fe = fS - fC. All laws can be exported, without refused values.
 
     Recording -> JointLogs -> FrictionSamples -> law (named, or chosen) -> FrictionEstimate -> pose test
 
-Supported: motions of one joint or of several at once; several recordings; a rigid part that is fitted along
-or known. Not supported: elastic joints; friction with a state (`presliding`).
-
-Validation is what identified friction predicts of a log that it was not fitted to; nothing is fitted:
+Validation is what identified friction predicts of a log that it was not fitted to, on rows as in the fit:
 
     tau^ = Phi(dq; shape) linear + X other,    relative residual = |R (tau - tau^)| / |R tau|
 
-The rows are those of the fit: filter, decimation, rows below standstill left out, but no mean periods. X are
-the columns that were fitted along; known base parameters are subtracted from tau, as in the fit.
-Supported: joints that move in the log, and whose rigid part the logs of the fit identified.
+X are the columns that were fitted along; known base parameters are subtracted from tau, as in the fit.
+Not supported: elastic joints; friction with a state (`presliding`); joints whose rigid part was left open.
 """
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Sized
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import ClassVar, final
 
 import numpy as np
@@ -34,6 +31,8 @@ from symid.identification import estimators, regression
 from symid.identification.diagnostics import build_warning
 from symid.identification.friction import extraction, joint_fit
 from symid.identification.friction.estimators import check_estimator, fit_friction
+from symid.identification.friction.extraction import JointLogs
+from symid.identification.friction.joint_fit import FrictionEstimate, FrictionSamples
 from symid.identification.friction.poses import PoseTest, compare_poses, warn_of_friction_pattern
 from symid.identification.friction.problem import FrictionOptions
 from symid.identification.friction.selection import CANDIDATE_LAWS, measure_motion, predict_rows, select_law
@@ -64,7 +63,7 @@ class JointFriction:
         sources: the logs in which the joint moves.
     """
 
-    estimate: joint_fit.FrictionEstimate = field(metadata=HIDDEN)
+    estimate: FrictionEstimate = field(metadata=HIDDEN)
     formula: str
     smoothing: float
     unit: str = field(metadata=HIDDEN)
@@ -115,37 +114,34 @@ def _list_mistakes(joint: JointFriction) -> list[str]:
     estimate, curve = joint.estimate, joint.velocity_map
     law = get_law(estimate.law, smoothing=joint.smoothing)
     size = len(law.linear) + len(law.shape) + len(estimate.other)
-    lengths = [
-        ("estimate.linear", len(estimate.linear), len(law.linear)),
-        ("estimate.shape", len(estimate.shape), len(law.shape)),
-        ("estimate.covariance", len(estimate.covariance), size),
-        *((f"estimate.covariance, row {k}", len(row), size) for k, row in enumerate(estimate.covariance)),
-        *(
-            (f"velocity_map.{name}", len(getattr(curve, name)), len(curve.velocity))
-            for name in ("torque", "spread", "count")
-        ),
-        ("velocity_map.cloud_torque", len(curve.cloud_torque), len(curve.cloud_velocity)),
-    ]
-    if joint.poses is not None:
-        many = len(joint.poses.poses)
-        for entry in joint.poses.parameters:
-            for name, values in (("values", entry.values), ("stds", entry.stds), ("freedom", entry.freedom)):
-                absent = name == "freedom" and not values
-                lengths.append((f"poses, {name} of {entry.name}", many if absent else len(values), many))
+    # What has entries, and how many it must have.
+    lengths: dict[str, tuple[Sized, int]] = {
+        "estimate.linear": (estimate.linear, len(law.linear)),
+        "estimate.shape": (estimate.shape, len(law.shape)),
+        "estimate.covariance": (estimate.covariance, size),
+        **{f"estimate.covariance, row {k}": (row, size) for k, row in enumerate(estimate.covariance)},
+        "velocity_map.torque": (curve.torque, len(curve.velocity)),
+        "velocity_map.spread": (curve.spread, len(curve.velocity)),
+        "velocity_map.count": (curve.count, len(curve.velocity)),
+        "velocity_map.cloud_torque": (curve.cloud_torque, len(curve.cloud_velocity)),
+    }
+    for entry in joint.poses.parameters if joint.poses else ():
+        given = {"values": entry.values, "stds": entry.stds, "freedom": entry.freedom or entry.values}
+        many = len(joint.poses.poses) if joint.poses else 0
+        lengths |= {f"poses, {name} of {entry.name}": (numbers, many) for name, numbers in given.items()}
+    found = [(name, len(values), wanted) for name, (values, wanted) in lengths.items()]
     mistakes = [
-        f"joint {joint.joint!r}: {name} has {length} entries, not {wanted}"
-        for name, length, wanted in lengths
-        if length != wanted
+        f"{name} has {length} entries, not {wanted}" for name, length, wanted in found if length != wanted
     ]
     if not len(curve.cloud_velocity):
-        mistakes.append(f"joint {joint.joint!r}: velocity_map.cloud_velocity is empty")
+        mistakes.append("velocity_map.cloud_velocity is empty")
     numbers = (*estimate.linear, *estimate.shape, *curve.cloud_velocity, *curve.cloud_torque)
     if not all(map(math.isfinite, numbers)):
-        mistakes.append(f"joint {joint.joint!r}: values of the law or of measured rows are not numbers")
+        mistakes.append("values of the law or of measured rows are not numbers")
     chosen = joint.selection and joint.selection.chosen
     if joint.selection and chosen not in {trial.law for trial in joint.selection.trials}:
-        mistakes.append(f"joint {joint.joint!r}: selection.chosen {chosen!r} is not one of the laws tried")
-    return mistakes
+        mistakes.append(f"selection.chosen {chosen!r} is not one of the laws tried")
+    return [f"joint {joint.joint!r}: {text}" for text in mistakes]
 
 
 def build_robot_friction(joint: JointFriction) -> FrictionValues | str:
@@ -156,13 +152,9 @@ def build_robot_friction(joint: JointFriction) -> FrictionValues | str:
     wrong = [f"{name} was refused: {reason}" for name, reason in estimate.refused if name in physical]
     if wrong:
         return "; ".join(wrong)
-    return FrictionValues(
-        law=law.name,
-        values=estimate.linear,
-        shape=estimate.shape,
-        # Robot files refuse a smoothing where there is no sign.
-        smoothing=joint.smoothing if has_sign(get_law(law.name)) else 0.0,
-    )
+    # Robot files refuse a smoothing where there is no sign.
+    smoothing = joint.smoothing if has_sign(get_law(law.name)) else 0.0
+    return FrictionValues(law=law.name, values=estimate.linear, shape=estimate.shape, smoothing=smoothing)
 
 
 def set_identified_friction(robot: Robot, found: FrictionIdentification) -> Robot:
@@ -195,7 +187,7 @@ class FrictionTask:
     estimator: str = "varpro"
     options: FrictionOptions = field(default_factory=FrictionOptions)
     beta: FloatArray | None = None
-    smoothing: float = 0.0
+    smoothing: float = FrictionValues().smoothing
     periods: tuple[float, ...] = ()
     poses: bool = True
     rotors: tuple[regression.Rotor, ...] = ()
@@ -240,10 +232,9 @@ def identify_friction(
     )
     notices += extraction.describe_cutoffs(logs)
     joints, refused = list[JointFriction](), list[tuple[str, str]]()
-    cards = library.card.joints
-    for joint, card in enumerate(cards):
+    for joint, card in enumerate(library.card.joints):
         if progress and joint:
-            progress(joint, len(cards))
+            progress(joint, library.card.size)
         try:
             found, further = _identify_joint(logs, joint, task)
         except IdentifiabilityError as error:
@@ -258,8 +249,8 @@ def identify_friction(
             reasons.append(f"joint {entry.joint!r}, law {entry.estimate.law}: {listed}")
         periods = (notice for notice in notices if notice.code == _NOT_PERIODIC)
         raise IdentifiabilityError(*(Notice(code="friction.nothing", text=one) for one in reasons), *periods)
-    lost = (f"no friction law: {reason}" for _, reason in refused)
-    notices += tuple(Notice(code="friction.joint-refused", text=text) for text in lost)
+    lost = (Notice(code="friction.joint-refused", text=f"no friction law: {reason}") for _, reason in refused)
+    notices += tuple(lost)
     settings = {
         **(echo or {}),
         "processing": logs.processing,
@@ -272,12 +263,11 @@ def identify_friction(
         **({"cutoffs": logs.cutoffs} if logs.cutoffs else {}),
         **({"measured_loads": measured} if any(measured) else {}),
     }
+    model = task.model if isinstance(task.model, str) else ", ".join(map("=".join, task.model.items()))
     return FrictionIdentification(
         robot=library.card.robot,
         signature=library.card.signature,
-        model=task.model
-        if isinstance(task.model, str)
-        else ", ".join(f"{joint}={law}" for joint, law in task.model.items()),
+        model=model,
         estimator=task.estimator,
         joints=tuple(joints),
         refused=tuple(refused),
@@ -295,9 +285,7 @@ def _check_task(task: FrictionTask, recordings: Sequence[Recording]) -> None:
         text = f"smoothing {task.smoothing:g}: must be 0 or a positive speed in rad/s or m/s"
         raise UsageError(Notice(code="usage.friction-smoothing", text=text))
     asked = [task.model] if isinstance(task.model, str) else task.model.values()
-    for name in asked:
-        if name == AUTO:
-            continue
+    for name in (name for name in asked if name != AUTO):
         if (law := get_law(name)).memory:
             curve = "stribeck-exponent" if law.shape else "coulomb-viscous"
             text = (
@@ -317,7 +305,7 @@ def _check_task(task: FrictionTask, recordings: Sequence[Recording]) -> None:
 
 
 def _identify_joint(
-    logs: extraction.JointLogs, joint: int, task: FrictionTask
+    logs: JointLogs, joint: int, task: FrictionTask
 ) -> tuple[JointFriction, tuple[Notice, ...]]:
     """Return the friction of a joint, and what concerns the whole identification."""
     extracted = extraction.extract_joint(logs, joint, beta=task.beta)
@@ -327,13 +315,14 @@ def _identify_joint(
     if name == AUTO:
         # Bounds by name hold for one law.
         options = replace(task.options, bounds=())
-        selection, estimate = select_law(samples, task.candidates, smoothing=task.smoothing, options=options)
+        look_up = partial(get_law, smoothing=task.smoothing)
+        selection, estimate = select_law(samples, task.candidates, look_up=look_up, options=options)
         name = selection.chosen
     law = get_law(name, smoothing=task.smoothing)
     check_inputs(samples, law)
     if estimate is None or task.estimator != estimate.estimator or task.options.bounds:
         estimate = fit_friction(samples, law, estimator=task.estimator, options=task.options)
-    torque = samples.build_rows().torque
+    torque = samples.rows.torque
     left = torque - predict_rows(samples, law, estimate)
     residual = estimators.Residual.measure(samples.joint, left, torque, card.torque_unit, estimate.sigma)
     warnings = [*warn_of_friction_pattern(samples, law, estimate), *warn_of_inertia(estimate)]
@@ -349,14 +338,17 @@ def _identify_joint(
         # The factor on the measured load that the rows choose beside their law.
         design = joint_fit.compute_sensitivities(samples, law, estimate.linear, estimate.shape)
         table = np.column_stack([design, samples.pass_columns(samples.load[:, None]), left])
-        stretches = np.array_split(table, POLICY.folds)
-        gain = regression.measure_load_gain(np.stack([part.T @ part for part in stretches]))
+        parts = np.array_split(table, POLICY.folds)
+        gain = regression.measure_load_gain(np.stack([part.T @ part for part in parts]))
     if gain is not None:
         rigid += f"; a factor on the load would be {gain.value:.4g} +- {gain.deviation:.2g} (1 was taken)"
     warnings += [*_warn_of_smoothing(law), *regression.warn_of_load_gain(gain)]
     estimate = replace(estimate, notices=(*estimate.notices, *warnings))
     poses = compare_poses(logs, joint, law, beta=task.beta) if task.poses else None
-    texts = [f"{held}: not in the comparison of poses: {why}" for held, why in poses.skipped] if poses else []
+    texts = [
+        f"{held}: not in the comparison of poses: {why}" for held, why in (poses.skipped if poses else ())
+    ]
+    skipped = [Notice(code="friction.pose-skipped", text=text) for text in texts]
     named = (replace(entry, text=f"joint {card.name!r}: {entry.text}") for entry in estimate.notices)
     found = JointFriction(
         estimate=estimate,
@@ -372,7 +364,6 @@ def _identify_joint(
         velocity_map=joint_fit.compute_velocity_map(samples, estimate.other),
         sources=tuple(logs.sources[run] for run in logs.list_moving(joint)),
     )
-    skipped = (Notice(code="friction.pose-skipped", text=text) for text in texts)
     return found, (*skipped, *extracted.notices, *named)
 
 
@@ -386,7 +377,7 @@ _LACKING = {
 """Why an input of a law is not known, and what to do."""
 
 
-def check_inputs(samples: joint_fit.FrictionSamples, law: FrictionLaw) -> None:
+def check_inputs(samples: FrictionSamples, law: FrictionLaw) -> None:
     """Raise IdentifiabilityError for a law of a load or a temperature that is not known."""
     for name, reason in _LACKING.items():
         if name in law.inputs and getattr(samples, name) is None:
@@ -402,12 +393,12 @@ def _warn_of_smoothing(law: FrictionLaw) -> tuple[Notice, ...]:
     return (Notice(code="friction.smoothing-unused", text=text),)
 
 
-def warn_of_inertia(estimate: joint_fit.FrictionEstimate) -> tuple[Notice, ...]:
+def warn_of_inertia(estimate: FrictionEstimate) -> tuple[Notice, ...]:
     """Return a warning where the rigid part has a negative inertia or mass."""
-    pairs = (entry for entry in estimate.extra if entry.name in {"J", extraction.ROTOR} and entry.value < 0.0)
-    found = next(pairs, None)
-    if found is None:
+    wrong = [one for one in estimate.extra if one.name in {"J", extraction.ROTOR} and one.value < 0.0]
+    if not wrong:
         return ()
+    found = wrong[0]
     size = f"{found.name} = {found.value:.4g} +- {found.std:.2g} {found.unit} is negative"
     reason = "within its uncertainty it is zero: the motion accelerates too little to identify it"
     if found.value < -POLICY.printed * found.std:
@@ -454,12 +445,8 @@ def validate_friction(
         )
         raise LogError(Notice(code="validate.friction-load", text=text, file=recording.source))
     logs = extraction.prepare_joint_logs(library, (recording,), processing, measured=measured, rotors=rotors)
-    residuals, motion, series = (
-        list[estimators.Residual](),
-        list[estimators.MotionResidual](),
-        list[estimators.Series](),
-    )
-    lost, notices = list[Notice](), list[Notice]()
+    residuals, motion = list[estimators.Residual](), list[estimators.MotionResidual]()
+    series, lost, notices = list[estimators.Series](), list[Notice](), list[Notice]()
     for entry in found.joints:
         law = get_law(entry.estimate.law, smoothing=entry.smoothing)
         joint = [one.name for one in joints].index(entry.joint)
@@ -471,23 +458,13 @@ def validate_friction(
         except IdentifiabilityError as error:
             lost += error.notices
             continue
-        rows, predicted = samples.build_rows(), predict_rows(samples, law, entry.estimate)
+        rows, predicted = samples.rows, predict_rows(samples, law, entry.estimate)
         torque = rows.torque[kept]
-        residuals.append(
-            estimators.Residual.measure(entry.joint, torque - predicted[kept], torque, entry.unit)
-        )
+        left = torque - predicted[kept]
+        residuals.append(estimators.Residual.measure(entry.joint, left, torque, entry.unit))
         motion.append(measure_motion(samples, law, entry.estimate, unit=entry.unit, kept=kept))
-        series.append(
-            estimators.Series(
-                joint=entry.joint,
-                unit=entry.unit,
-                velocity_unit=entry.velocity_unit,
-                time=rows.time[kept],
-                velocity=rows.velocity[kept],
-                measured=torque,
-                predicted=predicted[kept],
-            )
-        )
+        columns = rows.time[kept], rows.velocity[kept], torque, predicted[kept]
+        series.append(estimators.Series(entry.joint, entry.unit, entry.velocity_unit, *columns))
         notices += (*told, *further)
     if not residuals:
         raise IdentifiabilityError(*lost)
@@ -507,6 +484,7 @@ def validate_friction(
         series=tuple(series),
         samples=sum(residual.samples for residual in residuals),
         fitted=overlap > 0.0,
+        scoring=0.0,
         notices=(*lost, *notices),
     )
 
@@ -530,8 +508,8 @@ def _refuse(joint: str, reason: str) -> IdentifiabilityError:
 
 
 def _build_samples(
-    entry: JointFriction, logs: extraction.JointLogs, joint: int, beta: FloatArray | None
-) -> tuple[joint_fit.FrictionSamples, tuple[Notice, ...]]:
+    entry: JointFriction, logs: JointLogs, joint: int, beta: FloatArray | None
+) -> tuple[FrictionSamples, tuple[Notice, ...]]:
     """Return a joint's samples with the columns of its fit; refuse a motion that needs more of them."""
     card, measured = logs.library.card, logs.is_measured(joint)
     rigid = logs.list_rotor_columns(joint, (0,)) if measured else logs.list_rigid_columns(joint, (0,))
@@ -568,8 +546,7 @@ def _build_samples(
         )
         raise _refuse(entry.joint, reason)
     names = [names[k] for k in inertial]
-    refused = [name for name, _ in estimate.refused if name in names]
-    if refused:
+    if refused := [name for name, _ in estimate.refused if name in names]:
         text = (
             f"joint {entry.joint!r}: {', '.join(refused)} of its rigid part are not identifiable; the "
             "prediction holds only for motions like those that were fitted"
@@ -588,10 +565,10 @@ def _build_samples(
 
 
 def _choose_rows(
-    samples: joint_fit.FrictionSamples, entry: JointFriction, law: FrictionLaw, standstill: float
+    samples: FrictionSamples, entry: JointFriction, law: FrictionLaw, standstill: float
 ) -> tuple[NDArray[np.bool_], tuple[Notice, ...]]:
     """Return which rows are above standstill; of laws with refused parameters, within the speeds fitted."""
-    rows = samples.build_rows()
+    rows = samples.rows
     own = {parameter.name for parameter in law.physical}
     refused = [name for name, _ in entry.estimate.refused if name in own]
     known = np.concatenate([entry.velocity_map.velocity, entry.velocity_map.cloud_velocity])
@@ -604,22 +581,20 @@ def _choose_rows(
         far |= speed > 1.05 * fastest
     moving = np.abs(rows.velocity) >= standstill
     kept = moving & inside if refused else moving
-    joint = f"joint {entry.joint!r}"
     if not kept.any():
         reason = "every row is slower than processing.standstill, or at speeds that were not fitted"
         raise _refuse(entry.joint, reason)
-    notices = []
-    outside = int(np.sum(moving & ~inside))
     if refused:
         text = (
-            f"{joint}: {', '.join(refused)} are not identifiable, so the law holds only at the speeds that "
-            f"were fitted; {outside} of {len(kept)} rows at others were left out"
+            f"joint {entry.joint!r}: {', '.join(refused)} are not identifiable, so the law holds only at the "
+            f"speeds that were fitted; {int(np.sum(moving & ~inside))} of {len(kept)} rows at others were "
+            "left out"
         )
-        notices.append(Notice(code="validate.friction-refused", text=text))
-    elif beyond := int(np.sum(moving & far)):
+        return kept, (Notice(code="validate.friction-refused", text=text),)
+    if beyond := int(np.sum(moving & far)):
         text = (
-            f"{joint}: {beyond} of {len(kept)} rows are faster than those fitted, or in another direction: "
-            "the law is extrapolated there"
+            f"joint {entry.joint!r}: {beyond} of {len(kept)} rows are faster than those fitted, or in "
+            "another direction: the law is extrapolated there"
         )
-        notices.append(Notice(code="validate.friction-range", text=text))
-    return kept, tuple(notices)
+        return kept, (Notice(code="validate.friction-range", text=text),)
+    return kept, ()

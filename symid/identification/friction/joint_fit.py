@@ -8,27 +8,24 @@ Arrays in SI units -> FrictionSamples -> FrictionRows, VelocityMap; samples and 
     AICc = M ln(J / M) + 2 k + 2 k (k + 1) / (M - k - 1)      Hurvich and Tsai, Biometrika 76 (1989) 297-307
     BIC  = M ln(J / M) + k ln M                               Schwarz, Ann. Statist. 6 (1978) 461-464
 
-R is a linear operator that the torque and all columns pass alike: a filter, a decimation, both. Rows are
-selected behind R, so that all have passed the same filter. Recordings are filtered one by one.
+R is a linear operator that the torque and all columns pass alike, recording by recording: a filter, a
+decimation, both. For white noise of known sigma the same F is the Cramer-Rao bound. In the criteria M is the
+number of rows, k that of the unknowns with the variance of the noise as one of them.
 
-For white noise of known sigma the same matrix F is the Cramer-Rao bound. In the criteria M is the number of
-rows, k that of the unknowns with the variance of the noise as one of them; a common constant is left out.
-
-Supported: velocity, load and position as inputs of a law; columns of known form beside friction; fixed shape
-values, dependent columns (a parameter with a part in the null space of F has no deviation).
 Not supported: several joints at once; R that depends on the values it acts on; maps over load or position;
-correlated noise behind R (see `poses`); time spent (equal fits are equal files).
+correlated noise behind R (see `poses`).
 """
 
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze_fields
+from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze, freeze_fields
 from symid.errors import LogError, Notice
 from symid.identification.estimators import ParameterEstimate
 from symid.identification.judge import numerics
@@ -41,10 +38,10 @@ from symid.serialization import HIDDEN, name_key
 Values = Sequence[float] | FloatArray
 Reduction = Callable[[FloatArray], FloatArray]
 """A linear operator on columns: (N, c) -> (M, c)."""
-_VECTORS = ("time", "velocity", "torque", "load", "position", "temperature", "run")
+_VECTORS = ("time", "velocity", "torque", "load", "position", "temperature", "run", "extra")
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class FrictionSamples:
     """Samples of one joint.
 
@@ -57,7 +54,6 @@ class FrictionSamples:
             temperature: (N,) degC; None where not known.
         run: (N,) recording of a sample, from zero; None: all of one.
         reduce: R; None for the identity. prismatic: whether the joint moves along its axis.
-        memory: what was computed of these samples.
 
     Raises:
         LogError: arrays of different length, empty, or with numbers that are not finite.
@@ -76,7 +72,6 @@ class FrictionSamples:
     run: NDArray[np.int64] | None = None
     reduce: Reduction | None = None
     prismatic: bool = False
-    memory: dict[str, Any] = field(init=False, repr=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         """Copy the arrays, make them read-only, check them."""
@@ -86,14 +81,12 @@ class FrictionSamples:
         object.__setattr__(self, "run", run)
         joint, count = f"joint {self.joint!r}", len(self.velocity)
         mistakes = [] if count else [f"{joint}: there are no samples"]
-        for name in (*_VECTORS, "extra"):
-            values, shape = (
-                getattr(self, name),
-                (count,) if name != "extra" else (count, len(self.extra_names)),
-            )
-            if values is not None and values.shape != shape:
+        arrays = {name: getattr(self, name) for name in _VECTORS}
+        for name, values in {k: one for k, one in arrays.items() if one is not None}.items():
+            shape = (count, len(self.extra_names)) if name == "extra" else (count,)
+            if values.shape != shape:
                 mistakes.append(f"{joint}: {name} has shape {values.shape}, not {shape}")
-            if values is not None and not np.all(np.isfinite(values)):
+            if not np.all(np.isfinite(values)):
                 mistakes.append(f"{joint}: {name} holds numbers that are not finite")
         if len(self.extra_units) not in {0, len(self.extra_names)}:
             mistakes.append(f"{joint}: extra_units must be one for each of extra_names, or none")
@@ -117,7 +110,7 @@ class FrictionSamples:
 
     def take(self, index: NDArray[np.intp] | NDArray[np.bool_]) -> "FrictionSamples":
         """Return some of the samples, without R, which is of all of them."""
-        arrays = {name: getattr(self, name) for name in (*_VECTORS, "extra")}
+        arrays = {name: getattr(self, name) for name in _VECTORS}
         chosen: dict[str, Any] = {k: values[index] for k, values in arrays.items() if values is not None}
         return replace(self, **chosen, reduce=None)
 
@@ -131,26 +124,29 @@ class FrictionSamples:
         """Return the columns of a law behind R (M, p), for shape values (s,)."""
         return self.pass_columns(compute_columns(law, self.inputs, [float(value) for value in shape]))
 
-    def build_rows(self) -> "FrictionRows":
+    @cached_property
+    def rows(self) -> "FrictionRows":
         """Return the samples behind R, read-only."""
-        if "rows" not in self.memory:
-            ones, run = np.ones(self.count), np.asarray(self.run, dtype=np.float64)
-            columns = [ones, self.time, self.velocity, run, self.torque, self.extra]
-            passed = self.pass_columns(np.column_stack(columns))
-            # A filter whose gain at rest is not one scales constants.
-            gain = passed[:, 0]
-            rows = FrictionRows(
-                time=passed[:, 1] / gain,
-                velocity=passed[:, 2] / gain,
-                run=np.rint(passed[:, 3] / gain).astype(np.intp),
-                torque=passed[:, 4],
-                extra=passed[:, 5:],
-            )
-            for values in rows:
-                values.setflags(write=False)
-            self.memory["rows"] = rows
-        found: FrictionRows = self.memory["rows"]
-        return found
+        run = np.asarray(self.run, dtype=np.float64)
+        columns = [np.ones(self.count), self.time, self.velocity, run, self.torque, self.extra]
+        passed = self.pass_columns(np.column_stack(columns))
+        # A filter whose gain at rest is not one scales constants.
+        time, velocity, run = passed[:, 1:4].T / passed[:, 0]
+        rows = FrictionRows(time, velocity, passed[:, 4], passed[:, 5:], np.rint(run).astype(np.intp))
+        for values in rows:
+            values.setflags(write=False)
+        return rows
+
+    @cached_property
+    def beside(self) -> "Beside":
+        """Return what X spans; X^+ is that of least norm in scaled columns."""
+        lengths = np.linalg.norm(self.rows.extra, axis=0)
+        scales = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
+        left, singular, right = np.linalg.svd(self.rows.extra * scales, full_matrices=False)
+        rank = int(np.sum(singular > numerics.RANK * singular.max(initial=0.0)))
+        factors = scales[:, None] * (right[:rank].T / singular[:rank])
+        parts = (singular[:rank, None] * right[:rank]) * lengths
+        return Beside(freeze(left[:, :rank]), freeze(factors), freeze(parts))
 
 
 class FrictionRows(NamedTuple):
@@ -161,6 +157,14 @@ class FrictionRows(NamedTuple):
     torque: FloatArray
     extra: FloatArray
     run: NDArray[np.intp]
+
+
+class Beside(NamedTuple):
+    """A basis (M, r) of the columns beside friction behind R, X; X^+ = factors basis', parts = basis' X."""
+
+    basis: FloatArray
+    factors: FloatArray
+    parts: FloatArray
 
 
 def build_reduction(lengths: Sequence[int], decimation: Decimation) -> Reduction | None:
@@ -195,15 +199,12 @@ class VelocityMap(FrozenArrays):
     count: FloatArray = field(metadata=name_key("rows"))
     cloud_velocity: FloatArray = field(metadata=HIDDEN)
     cloud_torque: FloatArray = field(metadata=HIDDEN)
-    slowest: float = field(default=0.0, metadata=HIDDEN)
+    slowest: float = field(metadata=HIDDEN)
 
 
 def compute_velocity_map(samples: FrictionSamples, other: FloatArray | tuple[float, ...] = ()) -> VelocityMap:
-    """Return the map of the torque less `other` (k,) times the columns beside friction.
-
-    At most twenty intervals of each direction have equal numbers of rows.
-    """
-    rows = samples.build_rows()
+    """Return the map, in intervals of equal numbers of rows, of the torque less `other` (k,) beside it."""
+    rows = samples.rows
     torque = rows.torque - rows.extra @ np.asarray(other, dtype=np.float64)
     parts: list[tuple[Any, ...]] = []
     for direction in (-1.0, 1.0):
@@ -302,10 +303,7 @@ class FrictionSearch(NamedTuple):
 
 
 def compute_criteria(objective: float, rows: int, unknowns: int) -> tuple[float, float]:
-    """Return AICc, infinite where there are too few rows, and BIC.
-
-    `objective` is J, `rows` M, `unknowns` what was fitted without the variance.
-    """
+    """Return AICc, infinite where there are too few rows, and BIC; `unknowns` is without the variance."""
     count = unknowns + 1
     likelihood = rows * math.log(max(objective, numerics.TINY) / rows)
     spare = rows - count - 1
@@ -332,7 +330,7 @@ def compute_sensitivities(
 ) -> FloatArray:
     """Return F behind R: (M, p + s + k)."""
     own = compute_law_sensitivities(law, samples.inputs, linear, shape)
-    return np.hstack([samples.pass_columns(own), samples.build_rows().extra])
+    return np.hstack([samples.pass_columns(own), samples.rows.extra])
 
 
 def compute_law_sensitivities(

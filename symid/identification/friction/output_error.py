@@ -6,9 +6,8 @@
 Each step is the exact solution of the equation linearised at its start, and ends where the velocity changes
 its sign: exact to rounding for friction that is linear in the velocity by direction, to the third power of
 the step for other laws. At rest the axis stays while the force lies between the friction on its two sides.
-A window starts from a parabola through its first 20 samples. The error of a long run has many local minima:
-values fitted in short windows are the start for long ones. Models are compared on held-out blocks of the
-run, as laws are (`rigid.choose_plainest`).
+A window starts from a parabola through its first 20 samples. Values fitted in short windows are the start for
+long ones, whose error has many local minima. Models are compared on held-out blocks of the run.
 
 Supported: static laws, with the terms of `AXIS_TERMS`, but those whose slope at standstill is infinite
 (power law, exponent below one); no standard deviations: errors of a simulated position are not independent.
@@ -16,13 +15,13 @@ Supported: static laws, with the terms of `AXIS_TERMS`, but those whose slope at
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from itertools import pairwise
 from typing import Any, NamedTuple, TypeVar
 
 import casadi
 import numpy as np
-import scipy
+from scipy.optimize import least_squares
 
 from symid.arrays import FloatArray, freeze_fields
 from symid.errors import LogError, Notice, UsageError
@@ -81,6 +80,11 @@ class AxisModel:
         linear = [parameter.name for parameter in self.law.linear]
         return ("M", *linear, *self.terms, *(parameter.name for parameter in self.law.shape))
 
+    def list_columns(self, carrier: Carrier[V], inputs: Mapping[str, V], shape: Sequence[V]) -> tuple[V, ...]:
+        """Return the columns of the law, then of the terms."""
+        beside = (AXIS_TERMS[name](carrier, inputs) for name in self.terms)
+        return (*self.law.columns(carrier, inputs, shape), *beside)
+
 
 def compute_force_columns(
     model: AxisModel, inputs: Mapping[str, FloatArray], shape: Sequence[float] = ()
@@ -90,15 +94,8 @@ def compute_force_columns(
     `inputs` (N,) each: velocity, position, load and time; `shape`: values of the law.
     """
     lifted: list[FloatArray] = [np.asarray(value) for value in shape]
-    columns = _list_columns(model, build_numpy_carrier(), inputs, lifted)
+    columns = model.list_columns(build_numpy_carrier(), inputs, lifted)
     return np.column_stack([np.broadcast_to(column, inputs["velocity"].shape) for column in columns])
-
-
-def _list_columns(
-    model: AxisModel, carrier: Carrier[V], inputs: Mapping[str, V], shape: Sequence[V]
-) -> tuple[V, ...]:
-    beside = (AXIS_TERMS[name](carrier, inputs) for name in model.terms)
-    return (*model.law.columns(carrier, inputs, shape), *beside)
 
 
 def simulate_axis(
@@ -108,26 +105,25 @@ def simulate_axis(
     period: float,
     start: tuple[float, float, float],
     *,
-    substeps: int = 1,
     rates: bool = False,
 ) -> FloatArray:
     """Return positions and velocities at the samples of a force, and their derivatives: (2, N) or more.
 
     `values` (p,) are the model's `parameters`; `force` (N,) N m or N is held over each `period` (s); `start`:
-    position, velocity and time at the first sample. One of `substeps` a period is exact for laws that are
-    linear by direction. `rates` adds exact derivatives: p rows of dx/dvalues, p of dv/dvalues.
+    position, velocity and time at the first sample. `rates` adds exact derivatives: p rows of dx/dvalues, p
+    of dv/dvalues.
     """
     state = np.zeros(2 * (1 + len(values)) if rates else 2)
     state[:2] = start[:2]
     if len(force) == 1:
         return state[:, None]
     inputs = np.vstack([force[:-1], start[2] + period * np.arange(len(force) - 1)])
-    run = _build_run(model, len(inputs[0]), period, substeps, rates=rates)
+    run = _build_run(model, len(inputs[0]), period, rates=rates)
     return np.column_stack([state, np.asarray(run(state, inputs, values))])
 
 
 @lru_cache(maxsize=64)
-def _build_run(model: AxisModel, steps: int, period: float, substeps: int, *, rates: bool) -> Any:  # noqa: ANN401  # a function of casadi
+def _build_run(model: AxisModel, steps: int, period: float, *, rates: bool) -> Any:  # noqa: ANN401  # a function of casadi
     count = len(model.parameters)
     state, inputs = casadi.SX.sym("z", 2), casadi.SX.sym("u", 2)
     values = casadi.SX.sym("p", count)
@@ -135,22 +131,17 @@ def _build_run(model: AxisModel, steps: int, period: float, substeps: int, *, ra
     own = {name: casadi.SX.sym(name) for name in ("velocity", "position", "load", "time")}
     linear = 1 + len(model.law.linear) + len(model.terms)
     shape = [values[k] for k in range(linear, count)]
-    columns = _list_columns(model, build_casadi_carrier(), own, shape)
+    columns = model.list_columns(build_casadi_carrier(), own, shape)
     total = sum((values[1 + k] * column for k, column in enumerate(columns)), casadi.SX(0.0))
     slope = casadi.jacobian(total, own["velocity"])
     friction = casadi.Function("friction", [*own.values(), values], [total, slope])
-    short = period / substeps
-    after = state
-    for k in range(substeps):
-        after = _move(friction, after, inputs[0], inputs[1] + k * short, values, short)
+    after = _move(friction, state, inputs[0], inputs[1], values, period)
     if not rates:
-        step = casadi.Function("step", [state, inputs, values], [after], {"allow_free": False})
-        return step.mapaccum("run", steps)
-    by_position, by_speed = casadi.SX.sym("sx", 1, count), casadi.SX.sym("sv", 1, count)
-    jacobian = casadi.jacobian(after, state)
-    moved = jacobian @ casadi.vertcat(by_position, by_speed) + casadi.jacobian(after, values)
-    whole = casadi.vertcat(state, by_position.T, by_speed.T)
-    result = casadi.vertcat(after, moved[0, :].T, moved[1, :].T)
+        return casadi.Function("step", [state, inputs, values], [after]).mapaccum("run", steps)
+    by_values = casadi.SX.sym("s", 2, count)
+    moved = casadi.jacobian(after, state) @ by_values + casadi.jacobian(after, values)
+    pairs = ((state, by_values), (after, moved))
+    whole, result = (casadi.vertcat(own, casadi.vec(rate.T)) for own, rate in pairs)
     step = casadi.Function("step", [whole, inputs, values], [casadi.densify(result)], {"cse": True})
     return step.mapaccum("run", steps)
 
@@ -185,18 +176,15 @@ def _move(friction: Any, state: Any, force: Any, time: Any, values: Any, period:
     small = casadi.fabs(y) < _SERIES
     safe = casadi.if_else(small, 1.0, y)
     series = sum((-y) ** k / (k + 1) for k in range(9))
-    moment_of_rest = casadi.if_else(
-        stops, plain * casadi.if_else(small, series, casadi.log1p(safe) / safe), 0.0
-    )
+    root = plain * casadi.if_else(small, series, casadi.log1p(safe) / safe)
+    moment_of_rest = casadi.if_else(stops, root, 0.0)
     _, way = _compute_gains(rate, moment_of_rest)
     rest = position + moment_of_rest * speed + way * pull
     left = period - moment_of_rest
     pull, rate = compute_motion(0.0, compute_side(rest), rest)
     gain, way = _compute_gains(rate, left)
-    return casadi.vertcat(
-        casadi.if_else(stops, rest + way * pull, free_position),
-        casadi.if_else(stops, gain * pull, free_speed),
-    )
+    after = rest + way * pull, gain * pull
+    return casadi.vertcat(*map(partial(casadi.if_else, stops), after, (free_position, free_speed)))
 
 
 def _compute_gains(rate: Any, time: Any) -> tuple[Any, Any]:  # noqa: ANN401  # expressions of casadi
@@ -223,7 +211,7 @@ class AxisRun:
     position: FloatArray
     force: FloatArray
     period: float
-    begin: float = 0.0
+    begin: float
 
     def __post_init__(self) -> None:
         """Copy the arrays, make them read-only, check them."""
@@ -244,7 +232,7 @@ class Window(NamedTuple):
     last: int
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class OutputErrorFit:
     """Values of the model's `parameters`; RMS error, m or rad; simulations from all starts."""
 
@@ -279,10 +267,9 @@ def compute_output_error(
 
     With `rates` the derivatives (M, p) by the values. Samples of `left_out` are simulated, but not returned.
     """
-    parts = []
+    parts, skipped = [], left_out or Window(0, 0)
     for window in windows:
         samples = np.arange(window.first + GIVEN, window.last)
-        skipped = left_out or Window(0, 0)
         counted = (samples < skipped.first) | (samples >= skipped.last)
         force = run.force[window.first + GIVEN - 1 : window.last]
         moments = run.period * (np.arange(GIVEN) - (GIVEN - 1))
@@ -322,32 +309,17 @@ def fit_output_error(
     # The first value is the mass.
     lower = np.array([0.0, *(one.lower for one in linear), *np.negative(free), *(one.lower for one in shape)])
     upper = np.array([np.inf, *(one.upper for one in linear), *free, *(one.upper for one in shape)])
+    compute = partial(compute_output_error, model, run=run, windows=windows, left_out=left_out)
+    options = {"x_scale": "jac", "xtol": 1e-7, "ftol": 1e-7, "gtol": None, "max_nfev": 40}
     fits = []
     for start in starts:
-        scale = np.maximum(np.abs(start), 1e-3)
-        room = 1e-6 * scale
-        inside = np.clip(start, lower + room, upper - room)
-        fits.append(
-            scipy.optimize.least_squares(
-                lambda values: compute_output_error(model, values, run, windows, left_out),
-                inside,
-                jac=lambda values: compute_output_error(model, values, run, windows, left_out, rates=True),
-                bounds=(lower, upper),
-                x_scale="jac",
-                xtol=1e-7,
-                ftol=1e-7,
-                gtol=None,
-                max_nfev=40,
-            )
-        )
+        room = 1e-6 * np.maximum(np.abs(start), 1e-3)
+        inside, bounds = np.clip(start, lower + room, upper - room), (lower, upper)
+        fits.append(least_squares(compute, inside, partial(compute, rates=True), bounds, **options))
     best = min(fits, key=lambda fit: float(fit.cost))
-    return OutputErrorFit(
-        names=model.parameters,
-        values=tuple(float(value) for value in best.x),
-        rmse=float(np.sqrt(np.mean(np.square(best.fun)))),
-        evaluations=sum(int(fit.nfev) for fit in fits),
-        converged=bool(best.status > 0),
-    )
+    values, rmse = tuple(best.x.tolist()), float(np.sqrt(np.mean(np.square(best.fun))))
+    count, converged = sum(int(fit.nfev) for fit in fits), bool(best.status > 0)
+    return OutputErrorFit(model.parameters, values, rmse, count, converged)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -361,7 +333,7 @@ class SearchPlan:
     cutoff: float
     lengths: tuple[float, ...]
     shape: tuple[float, ...] = ()
-    restarts: int = 3
+    restarts: int
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -389,8 +361,7 @@ def fit_whole_run(
 
     No fit uses the samples `left_out`; `generator` draws the restarts.
     """
-    whole = Window(0, len(run.force))
-    skipped = left_out or Window(0, 0)
+    whole, skipped = Window(0, len(run.force)), left_out or Window(0, 0)
     sides = Window(0, skipped.first), Window(skipped.last, whole.last)
     parts = [side for side in sides if side.last > side.first]
     position = low_pass(run.position, period=run.period, cutoff=plan.cutoff, order=4)
@@ -430,11 +401,8 @@ def try_axis_model(
 def choose_axis_trial(trials: Sequence[AxisTrial]) -> AxisTrial:
     """Return the trial of the fewest values that the best one does not surely surpass."""
     models = [trial.model for trial in trials]
-    choice = choose_plainest(
-        np.square([trial.held for trial in trials]),
-        [len(model.parameters) for model in models],
-        [len(model.law.shape) for model in models],
-    )
+    counts = [(len(model.parameters), len(model.law.shape)) for model in models]
+    choice = choose_plainest(np.square([trial.held for trial in trials]), *zip(*counts, strict=True))
     return trials[choice.taken]
 
 
@@ -448,11 +416,9 @@ def build_axis_samples(
     _check_single(recording)
     signals = prepare_signals(recording, processing)
     position, velocity = signals.q[:, 0], signals.dq[:, 0]
-    inputs, carrier = (
-        {"velocity": velocity, "position": position, "time": signals.time},
-        build_numpy_carrier(),
-    )
-    beside = (np.broadcast_to(AXIS_TERMS[name](carrier, inputs), velocity.shape) for name in terms)
+    inputs = {"velocity": velocity, "position": position, "time": signals.time}
+    columns = (AXIS_TERMS[name](build_numpy_carrier(), inputs) for name in terms)
+    beside = (np.broadcast_to(column, velocity.shape) for column in columns)
     return FrictionSamples(
         joint="axis",
         time=signals.time,
@@ -470,12 +436,8 @@ def build_axis_samples(
 def build_axis_run(recording: Recording) -> AxisRun:
     """Return position and force of an axis as recorded; raise LogError for another number of joints."""
     _check_single(recording)
-    return AxisRun(
-        position=recording.position[:, 0],
-        force=recording.torque[:, 0],
-        period=recording.period,
-        begin=float(recording.time[0]),
-    )
+    position, force, begin = recording.position[:, 0], recording.torque[:, 0], float(recording.time[0])
+    return AxisRun(position=position, force=force, period=recording.period, begin=begin)
 
 
 def _check_single(recording: Recording) -> None:

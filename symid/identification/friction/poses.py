@@ -4,15 +4,13 @@ Samples, law, fit -> PatternCovariance, a warning; recordings at several poses -
 
     cov = P J' Omega J P,    P = (J'J)^+,    J: sensitivities of the rows
     T = sum_p w_p (x_p - mean)^2 / (poses - 1) / (1 + 2 (poses - 2) / (poses^2 - 1) h),   w_p = 1 / s_p^2
-    mean weighted by w_p,   h = sum_p (1 - w_p / sum w)^2 / f_p
-    T ~ F(poses - 1, (poses^2 - 1) / (3 h))                                   (Welch 1951)
+    mean weighted by w_p,   h = sum_p (1 - w_p / sum w)^2 / f_p,   T ~ F(poses - 1, (poses^2 - 1) / (3 h))
 
-Omega is the worst of three: white noise; products of the residual over blocks of consecutive rows (Liang
+(Welch 1951). Omega is the worst of three: white noise; products of the residual over blocks of rows (Liang
 and Zeger 1986); the spectrum of an autoregression of each recording's residual, its order by AIC, its gain
-at rest corrected for the bias of short records by (1 + k + 2 order) / rows. A variance f times that of white
-noise has 1/f of the rows as degrees of freedom f_p. Recordings of one pose are fitted together.
-Not supported: noise whose size changes with velocity, other than over blocks; poses that differ in load or
-temperature.
+at rest corrected for short records by (1 + k + 2 order) / rows. A variance f times that of white noise has
+1/f of the rows as degrees of freedom f_p. Recordings of one pose are fitted together.
+Not supported: noise whose size changes with velocity, other than over blocks.
 """
 
 from collections.abc import Sequence
@@ -27,6 +25,7 @@ from symid.identification.diagnostics import build_warning, sum_block_scores
 from symid.identification.friction import joint_fit
 from symid.identification.friction.estimators import fit_friction
 from symid.identification.friction.extraction import JointLogs, extract_joint
+from symid.identification.friction.joint_fit import FrictionEstimate, FrictionSamples
 from symid.identification.friction.selection import predict_rows
 from symid.identification.judge import POLICY, adjust_chances, numerics
 from symid.joint_models import FrictionLaw, compute_friction_torque
@@ -48,26 +47,26 @@ class PatternCovariance(FrozenArrays):
 
     def compute_deviations(self, rows: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the deviations (m,) of combinations `rows` (m, n), and their degrees of freedom (m,)."""
-        white, blocks, memory = (
-            np.maximum(np.einsum("ij,jk,ik->i", rows, part, rows), 0.0)
-            for part in (self.white, self.blocks, self.memory)
+        parts = (
+            np.einsum("ij,jk,ik->i", rows, part, rows) for part in (self.white, self.blocks, self.memory)
         )
+        white, blocks, memory = np.maximum(list(parts), 0.0)
         most = np.maximum(np.maximum(white, blocks), memory)
-        share = np.where(most > 0.0, white / np.where(most > 0.0, most, 1.0), 1.0)
+        share = np.divide(white, most, out=np.ones_like(most), where=most > 0.0)
         freedom, by_blocks = self.freedom * share, (blocks >= most) & (most > white)
         freedom = np.where(by_blocks, np.minimum(freedom, self.block_freedom), freedom)
         return np.sqrt(most), np.maximum(freedom, 1.0)
 
 
 def estimate_pattern_covariance(
-    samples: joint_fit.FrictionSamples, law: FrictionLaw, estimate: joint_fit.FrictionEstimate
+    samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate
 ) -> PatternCovariance:
     """Return the covariances of a fit of `law` to `samples`."""
     design = joint_fit.compute_sensitivities(samples, law, estimate.linear, estimate.shape)
-    rows = samples.build_rows()
+    rows = samples.rows
     error = rows.torque - predict_rows(samples, law, estimate)
     lengths = np.linalg.norm(design, axis=0)
-    scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
+    scales = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
     scaled = design * scales
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-12)
     unknowns = int(np.linalg.matrix_rank(inverse)) if inverse.any() else 0
@@ -122,43 +121,35 @@ def _fit_autoregression(error: FloatArray) -> tuple[FloatArray, float]:
 
 
 def compute_robust_deviations(
-    samples: joint_fit.FrictionSamples,
-    law: FrictionLaw,
-    estimate: joint_fit.FrictionEstimate,
-    covariance: PatternCovariance | None = None,
-) -> dict[str, tuple[float, float]]:
-    """Return (deviation, degrees of freedom) of the law's identifiable parameters."""
-    covariance = covariance or estimate_pattern_covariance(samples, law, estimate)
+    samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate
+) -> tuple[dict[str, tuple[float, float]], PatternCovariance]:
+    """Return (deviation, degrees of freedom) of the law's identifiable parameters, and all covariances."""
+    covariance = estimate_pattern_covariance(samples, law, estimate)
     mixing = np.zeros((len(law.physical), len(covariance.white)))
     mixing[:, : len(law.linear) + len(law.shape)] = np.array(law.mixing, dtype=np.float64)
     found = np.array(covariance.compute_deviations(mixing)).T.tolist()
     known = {entry.name for entry in estimate.parameters}
     pairs = zip(law.physical, found, strict=True)
-    return {entry.name: (std, freedom) for entry, (std, freedom) in pairs if entry.name in known}
+    return {entry.name: (std, dof) for entry, (std, dof) in pairs if entry.name in known}, covariance
 
 
 def warn_of_friction_pattern(
-    samples: joint_fit.FrictionSamples, law: FrictionLaw, estimate: joint_fit.FrictionEstimate
+    samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate
 ) -> tuple[Notice, ...]:
     """Return a warning where the residual is correlated, so that stated deviations are too small."""
-    robust = compute_robust_deviations(samples, law, estimate)
+    robust, _ = compute_robust_deviations(samples, law, estimate)
     # A fit to the last bit leaves rounding, whose correlation means nothing.
-    far = {
-        entry.name: robust[entry.name][0] / entry.std
-        for entry in estimate.parameters
-        if entry.std > 1e-12 * max(abs(entry.value), numerics.TINY)
-        and robust[entry.name][0] > 2.0 * entry.std
-    }
-    if not far:
-        return ()
-    return (build_warning("friction.pattern", names=", ".join(far), ratio=max(far.values())),)
+    known = [one for one in estimate.parameters if one.std > 1e-12 * max(abs(one.value), numerics.TINY)]
+    ratios = {entry.name: robust[entry.name][0] / entry.std for entry in known}
+    far = {name: ratio for name, ratio in ratios.items() if ratio > 2.0}
+    return (build_warning("friction.pattern", names=", ".join(far), ratio=max(far.values())),) if far else ()
 
 
 CONFIDENCE = float(-scipy.special.ndtri((1.0 - POLICY.confidence) / 2.0))
 """Standard deviations on either side of a 95 % interval."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class HeldPose:
     """Positions of the other joints, (name, rad or m) of each, and the recordings."""
 
@@ -169,10 +160,7 @@ class HeldPose:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PoseParameter:
-    """A parameter at every pose: values, standard deviations and their degrees of freedom (none for many).
-
-    `chance` is the p-value of equal values.
-    """
+    """A parameter at every pose, degrees of freedom (none for many), and the p-value of equal values."""
 
     name: str
     unit: str
@@ -184,11 +172,9 @@ class PoseParameter:
     @property
     def intervals(self) -> tuple[tuple[float, float], ...]:
         """Return the 95 % interval at every pose."""
-        half = [CONFIDENCE] * len(self.values)
-        if self.freedom:
-            half = [float(scipy.stats.t.ppf(0.975, freedom)) for freedom in self.freedom]
-        triples = zip(self.values, self.stds, half, strict=True)
-        return tuple((value - factor * std, value + factor * std) for value, std, factor in triples)
+        freedom = self.freedom or (np.inf,) * len(self.values)
+        low, high = scipy.stats.t.interval(POLICY.confidence, freedom, self.values, self.stds)
+        return tuple(zip(low.tolist(), high.tolist(), strict=True))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -213,9 +199,7 @@ class PoseTest:
     skipped: tuple[tuple[str, str], ...] = ()
 
 
-_PoseFit = tuple[
-    joint_fit.FrictionEstimate, dict[str, tuple[float, float]], PatternCovariance, tuple[float, float]
-]
+_PoseFit = tuple[FrictionEstimate, dict[str, tuple[float, float]], PatternCovariance, tuple[float, float]]
 """The fit at a pose, (deviation, degrees of freedom) of parameters, covariances, the range of speeds."""
 
 
@@ -227,28 +211,22 @@ def list_poses(logs: JointLogs, joint: int) -> tuple[HeldPose, ...]:
     for run in logs.list_alone(joint):
         place = logs.signals[run].q[:, others].mean(axis=0)
         # Up to 0.02 rad or m apart, poses count as one.
-        near = [entry for entry in groups if np.all(np.abs(entry[0] - place) <= 0.02)]
+        near = [runs for known, runs in groups if np.all(np.abs(known - place) <= 0.02)]
         if near:
-            near[0][1].append(run)
+            near[0].append(run)
         else:
             groups.append((place, [run]))
-    return tuple(
-        HeldPose(
-            others=tuple((names[k], float(value)) for k, value in zip(others, place, strict=True)),
-            runs=tuple(runs),
-            sources=tuple(logs.sources[run] for run in runs),
-        )
-        for place, runs in groups
-    )
+    found = []
+    for place, runs in groups:
+        pairs = tuple((names[k], value) for k, value in zip(others, place.tolist(), strict=True))
+        found.append(HeldPose(pairs, tuple(runs), tuple(logs.sources[run] for run in runs)))
+    return tuple(found)
 
 
 def compare_poses(
     logs: JointLogs, joint: int, law: FrictionLaw, *, beta: FloatArray | None = None
 ) -> PoseTest | None:
-    """Return the test; None where the joint (its number) was moved alone at less than two poses.
-
-    `beta` (p,) are base parameters that are known; None to fit them.
-    """
+    """Return the test, arguments as of `extract_joint`; None where it moved alone at less than two poses."""
     poses = list_poses(logs, joint)
     if len(poses) < 2:
         return None
@@ -260,29 +238,22 @@ def compare_poses(
         except SymidError as error:
             skipped.append((", ".join(pose.sources), "; ".join(entry.text for entry in error.notices)))
             continue
-        covariance = estimate_pattern_covariance(samples, law, estimate)
-        speeds = np.abs(samples.build_rows().velocity)
+        deviations, covariance = compute_robust_deviations(samples, law, estimate)
+        speeds = np.abs(samples.rows.velocity)
         reach = float(np.quantile(speeds, 0.02)), float(speeds.max())
-        deviations = compute_robust_deviations(samples, law, estimate, covariance)
         fits.append((estimate, deviations, covariance, reach))
         fitted.append(pose)
+    units = {one.name: one.unit for fit in fits for one in fit[0].parameters}
     parameters = list[PoseParameter]()
-    for name in (entry.name for entry in law.physical) if len(fits) > 1 else ():
-        if not all(name in deviations for _, deviations, *_ in fits):
-            continue
+    named = [entry.name for entry in law.physical if all(entry.name in fit[1] for fit in fits)]
+    for name in named if len(fits) > 1 else ():
         values = np.array([estimate.get_value(name) for estimate, *_ in fits], dtype=np.float64)
         stds, freedom = np.array([deviations[name] for _, deviations, *_ in fits]).T
         if np.all((stds > 0.0) & np.isfinite(stds)):
-            parameters.append(
-                PoseParameter(
-                    name=name,
-                    unit={one.name: one.unit for one in fits[0][0].parameters}[name],
-                    values=tuple(values.tolist()),
-                    stds=tuple(stds.tolist()),
-                    chance=compute_chance(values, stds, freedom),
-                    freedom=tuple(freedom.tolist()),
-                )
-            )
+            unit, chance = units[name], compute_chance(values, stds, freedom)
+            numbers = (tuple(part.tolist()) for part in (values, stds, freedom))
+            given = dict(zip(("values", "stds", "freedom"), numbers, strict=True))
+            parameters.append(PoseParameter(name=name, unit=unit, chance=chance, **given))
     change = _measure_change(law, fits) if len(fits) > 1 else None
     chances = adjust_chances([entry.chance for entry in parameters])
     apart = [entry for entry, chance in zip(parameters, chances, strict=True) if chance < POLICY.alarm]
@@ -348,11 +319,8 @@ def _write_verdict(  # noqa: PLR0917 - what the test found
         return f"{head}: no parameter is identifiable at all {poses} poses: there is nothing to compare"
     size = "" if change is None else f"; between poses the friction curve changes by {100 * change[0]:.2g} %"
     # The widest interval exceeds the value at the pose with the smallest deviation.
-    coarse = change is None and all(
-        max(0.5 * (high - low) for low, high in entry.intervals)
-        > abs(entry.values[int(np.argmin(entry.stds))])
-        for entry in parameters
-    )
+    widths = [(max(0.5 * (high - low) for low, high in one.intervals), one) for one in parameters]
+    coarse = change is None and all(wide > abs(one.values[int(np.argmin(one.stds))]) for wide, one in widths)
     shown = ", ".join(
         f"{entry.name} ({min(entry.values):.4g} to {max(entry.values):.4g} {entry.unit}".rstrip() + ")"
         for entry in apart or parameters
@@ -360,13 +328,12 @@ def _write_verdict(  # noqa: PLR0917 - what the test found
     if apart:
         return f"{head} depends on the pose: {shown}, a significant difference{size}"
     uncertain = f"{head} is too uncertain to compare at these {poses} poses: "
+    remedy = "Record more or longer motions at each"
     if coarse:
-        return (
-            f"{uncertain}{shown}, with intervals wider than the values. Record more or longer motions at each"
-        )
+        return f"{uncertain}{shown}, with intervals wider than the values. {remedy}"
     if change is not None and 100.0 * change[1] > POLICY.uncertain:
         limits = f"its curve could differ by {100.0 * change[1]:.2g} % by chance"
-        return f"{uncertain}{limits}. Record more or longer motions at each"
+        return f"{uncertain}{limits}. {remedy}"
     if any(len(deviations) < len(law.physical) for _, deviations, *_ in fits):
         names = ", ".join(entry.name for entry in parameters)
         rest = "the other parameters are not identifiable at all poses"

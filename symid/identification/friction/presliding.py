@@ -20,26 +20,19 @@ from types import MappingProxyType
 import numpy as np
 import scipy
 
+from symid import joint_models
 from symid.arrays import FloatArray
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.estimators import ParameterEstimate
 from symid.identification.friction.joint_fit import FrictionRows, FrictionSamples, LawFit
 from symid.identification.judge import POLICY, numerics
 from symid.ipopt import Ending
-from symid.joint_models import (
-    DynamicLaw,
-    FrictionPath,
-    build_numpy_carrier,
-    compute_bristle_rate,
-    compute_torque_derivatives,
-    simulate_dynamic_friction,
-)
 
 LINEAR_PARAMETERS = ("sigma1", "fV")
 """Parameters that the torque is linear in; they may be zero, the others not."""
 
 
-def build_path(samples: FrictionSamples) -> FrictionPath:
+def build_path(samples: FrictionSamples) -> joint_models.FrictionPath:
     """Return the path of the samples: each recording of them begins with straight bristles."""
     run = samples.run
     if samples.position is None or run is None or not np.any(np.diff(samples.position)):
@@ -56,7 +49,7 @@ def build_path(samples: FrictionSamples) -> FrictionPath:
         raise UsageError(Notice(code="friction.presliding-time", text=text))
     moved = np.diff(samples.position, prepend=samples.position[:1])
     held = np.divide(moved, period, out=np.zeros_like(moved), where=period > 0)
-    return FrictionPath(held=held, velocity=samples.velocity, period=period, start=start)
+    return joint_models.FrictionPath(held=held, velocity=samples.velocity, period=period, start=start)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -67,8 +60,8 @@ class PreslidingProblem:
     """
 
     samples: FrictionSamples
-    law: DynamicLaw
-    path: FrictionPath
+    law: joint_models.DynamicLaw
+    path: joint_models.FrictionPath
     fixed: dict[str, float]
     rows: FrictionRows
 
@@ -94,12 +87,12 @@ class PreslidingProblem:
     def compute_residual(self, unknowns: FloatArray) -> FloatArray:
         """Return predicted less measured torque, (M,)."""
         values, other = self.split(unknowns)
-        torque = simulate_dynamic_friction(self.law, values, self.path).torque
+        torque = joint_models.simulate_dynamic_friction(self.law, values, self.path).torque
         return self.samples.pass_columns(torque[:, None])[:, 0] + self.rows.extra @ other - self.rows.torque
 
     def compute_columns(self, values: Sequence[float]) -> FloatArray:
         """Return the derivatives (M, p + k) by the free values themselves, and by c."""
-        columns = compute_torque_derivatives(self.law, values, self.path, self.free)
+        columns = joint_models.compute_torque_derivatives(self.law, values, self.path, self.free)
         return np.hstack([self.samples.pass_columns(columns), self.rows.extra])
 
     def compute_jacobian(self, unknowns: FloatArray) -> FloatArray:
@@ -121,9 +114,10 @@ class PreslidingEstimate(LawFit):
 def _solve_start(problem: PreslidingProblem, values: list[float]) -> tuple[float, FloatArray]:
     """Return J and unknowns for the ratios of `values`: fC, sigma1, fV and c by linear least squares."""
     law, names = problem.law, problem.law.names
-    states, velocity = simulate_dynamic_friction(law, values, problem.path).state, problem.path.velocity
+    states = joint_models.simulate_dynamic_friction(law, values, problem.path).state
+    velocity, carrier = problem.path.velocity, joint_models.build_numpy_carrier()
     numbers: list[FloatArray] = [np.asarray(value) for value in values]
-    rates = compute_bristle_rate(build_numpy_carrier(), law, velocity, states, numbers)
+    rates = joint_models.compute_bristle_rate(carrier, law, velocity, states, numbers)
     linear = [name for name in LINEAR_PARAMETERS if name in names and name not in problem.fixed]
     terms = {"sigma1": rates, "fV": velocity}
     own = np.column_stack([values[0] * states, *(terms[name] for name in linear)])
@@ -144,7 +138,7 @@ def _solve_start(problem: PreslidingProblem, values: list[float]) -> tuple[float
 
 def fit_presliding(
     samples: FrictionSamples,
-    law: DynamicLaw,
+    law: joint_models.DynamicLaw,
     *,
     fixed: Mapping[str, float] = MappingProxyType({"gamma": 2.0}),
 ) -> PreslidingEstimate:
@@ -159,29 +153,25 @@ def fit_presliding(
     if set(law.names) <= set(fixed):
         text = f"all parameters of {law.name!r} are fixed: leave some to be fitted"
         raise UsageError(Notice(code="friction.presliding-options", text=text))
-    rows = samples.build_rows()
+    rows = samples.rows
     count, unknowns = rows.extra.shape[0], sum(name not in fixed for name in law.names) + rows.extra.shape[1]
     if count <= unknowns:
         text = f"joint {samples.joint!r}: {count} rows are too few for {unknowns} unknowns of {law.name!r}"
         raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
-    problem = PreslidingProblem(
-        samples=samples,
-        law=law,
-        path=build_path(samples),
-        fixed={name: value for name, value in fixed.items() if name in law.names},
-        rows=rows,
-    )
+    held = {name: value for name, value in fixed.items() if name in law.names}
+    problem = PreslidingProblem(samples=samples, law=law, path=build_path(samples), fixed=held, rows=rows)
     # The grid: values of the law with fC = 1 and no damping, viscous friction.
     path, names = problem.path, problem.law.names
     moved = np.abs(path.held) * path.period
     shortest = float(np.quantile(moved[moved > 0], 0.05))
     longest = float(np.ptp(problem.samples.position)) if problem.samples.position is not None else 1.0
     slopes = np.geomspace(0.5 / longest, 1.0 / max(shortest, 1e-6 * longest), 16)
-    stribeck = "vs" in names
-    speeds = np.quantile(np.abs(path.held)[moved > 0], (0.2, 0.6)) if stribeck else np.ones(1)
+    excesses, speeds = [1.0], np.ones(1)
+    if "vs" in names:
+        excesses, speeds = [1.0, 1.5], np.quantile(np.abs(path.held)[moved > 0], (0.2, 0.6))
     given = {"fC": 1.0, "sigma1": 0.0, "fV": 0.0, "gamma": 2.0}
     grid = []
-    for stiffness, excess, speed in itertools.product(slopes, (1.0, 1.5) if stribeck else (1.0,), speeds):
+    for stiffness, excess, speed in itertools.product(slopes, excesses, speeds):
         named = {**given, "sigma0": stiffness, "fS": excess, "vs": speed, **problem.fixed}
         grid.append(_solve_start(problem, [float(named[name]) for name in names]))
     grid.sort(key=lambda pair: pair[0])
@@ -196,18 +186,9 @@ def fit_presliding(
                 least = np.log(parameter.lower) if parameter.lower > 0.0 else -np.inf
                 lower[place] = max(start[place] - reach, least)
                 upper[place] = min(start[place] + reach, np.log(parameter.upper))
-        search = scipy.optimize.least_squares(
-            problem.compute_residual,
-            start,
-            jac=problem.compute_jacobian,
-            bounds=(lower, upper),
-            x_scale="jac",
-            max_nfev=60,
-            xtol=1e-9,
-            ftol=1e-10,
-            gtol=1e-10,
-        )
-        searches.append(search)
+        options = {"x_scale": "jac", "max_nfev": 60, "xtol": 1e-9, "ftol": 1e-10, "gtol": 1e-10}
+        functions, bounds = (problem.compute_residual, start, problem.compute_jacobian), (lower, upper)
+        searches.append(scipy.optimize.least_squares(*functions, bounds, **options))
     best = min(searches, key=lambda search: search.cost)
     evaluations = 2 * len(grid) + sum(int(search.nfev) for search in searches)
     return _build_estimate(problem, np.asarray(best.x), converged=best.status > 0, evaluations=evaluations)
@@ -231,10 +212,10 @@ def _build_estimate(
     speed = np.median(np.abs(held[held != 0.0]))
     damping = float(np.sqrt(np.mean((residual + problem.rows.torque) ** 2)) / speed)
     samples, law = problem.samples, problem.law
-    units = samples.extra_units or ("",) * len(samples.extra_names)
-    fitted = [law.parameters[k] for k in problem.free]
+    fitted, head = [law.parameters[k] for k in problem.free], f"joint {samples.joint!r}: "
     names = [*(entry.name for entry in fitted), *samples.extra_names]
-    units = (*(entry.unit_prismatic if samples.prismatic else entry.unit for entry in fitted), *units)
+    units = [entry.unit_prismatic if samples.prismatic else entry.unit for entry in fitted]
+    units += samples.extra_units or ("",) * len(samples.extra_names)
     found = [*(values[k] for k in problem.free), *other.tolist()]
     flat, difference = False, np.zeros(len(covariance))
     if "fS" in names and "fC" in names:
@@ -246,44 +227,43 @@ def _build_estimate(
     stds = np.sqrt(np.diag(covariance)).tolist()
     for name, unit, value, std in zip(names, units, found, stds, strict=True):
         # Zero is accepted only for what would have shown in the torque.
-        at_zero = (
-            name in LINEAR_PARAMETERS and value <= 1e-6 * std and 100.0 * std <= POLICY.uncertain * damping
-        )
+        at_zero = name in LINEAR_PARAMETERS and value <= 1e-6 * std
+        at_zero = at_zero and 100.0 * std <= POLICY.uncertain * damping
         if name == "vs" and flat:
             text = "vs is not identifiable: static and Coulomb friction do not differ"
-            refused.append((name, f"joint {samples.joint!r}: {text}"))
+            refused.append((name, head + text))
         elif 100.0 * std > POLICY.uncertain * abs(value) and not at_zero:
             percent = 100.0 * std / abs(value) if value else np.inf
             size = "infinite" if percent > 1e6 else f"{percent:.0f} %"
             need = _NEEDS.get(name, "its column is too small, or others replace it")
             text = f"{name} is not identifiable (relative deviation {size}): {need}"
-            refused.append((name, f"joint {samples.joint!r}: {text}"))
+            refused.append((name, head + text))
         else:
             ends = [end for entry in fitted if entry.name == name for end in (entry.lower, entry.upper)]
             near = any(abs(value - end) <= 1e-4 * abs(end) for end in ends if end)
             reason = "at its bound, zero" if at_zero else f"at its bound, {value:.3g}" if near else ""
             identified.append(ParameterEstimate(name=name, value=value, std=std, unit=unit, reason=reason))
-    own = [entry for entry in identified if entry.name in problem.law.names]
-    named, lost = dict(zip(problem.law.names, values, strict=True)), {name for name, _ in refused}
-    joint, notices = problem.samples.joint, []
+    own = [entry for entry in identified if entry.name in law.names]
+    named, lost = dict(zip(law.names, values, strict=True)), {name for name, _ in refused}
+    notices = []
     if named.get("fS", np.inf) < named["fC"] and not {"fS", "fC", "vs"} & lost:
         text = (
-            f"joint {joint!r}: static friction {named['fS']:.4g} is estimated below Coulomb "
-            f"friction {named['fC']:.4g}: this joint's friction does not fall with speed"
+            f"static friction {named['fS']:.4g} is estimated below Coulomb friction {named['fC']:.4g}: this "
+            "joint's friction does not fall with speed"
         )
-        notices.append(Notice(code="friction.presliding-static", text=text))
+        notices.append(Notice(code="friction.presliding-static", text=head + text))
     moving, bend = np.abs(held) * problem.path.period, named["fC"] / named["sigma0"]
     inside = int(np.sum((moving > 0) & (moving < bend)))
     if inside < 20 and "sigma0" not in lost:
         text = (
-            f"joint {joint!r}: only {inside} samples moved less than the presliding "
-            f"displacement {bend:.3g}: sample faster, or move slower around reversals"
+            f"only {inside} samples moved less than the presliding displacement {bend:.3g}: sample faster, "
+            "or move slower around reversals"
         )
-        notices.append(Notice(code="friction.presliding-few", text=text))
+        notices.append(Notice(code="friction.presliding-few", text=head + text))
     outcome = Ending.CONVERGED if converged else Ending.LIMIT
     return PreslidingEstimate(
-        joint=joint,
-        law=problem.law.name,
+        joint=samples.joint,
+        law=law.name,
         parameters=tuple(own),
         extra=tuple(entry for entry in identified if entry not in own),
         fixed=tuple(problem.fixed.items()),

@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
+from symid.arrays import FloatArray, FrozenArrays, compute_triangle
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.friction.joint_fit import FrictionSamples, FrictionSearch, compute_sensitivities
 from symid.identification.judge import numerics
@@ -54,7 +54,7 @@ class FrictionOptions:
     seed: int = 0
     starts: int = 3
     solves: int = 150
-    tolerance: float = 1e-9
+    tolerance: float = numerics.RANK
     iterations: int = 400
     population: int = 16
     width: float = 0.95
@@ -63,11 +63,9 @@ class FrictionOptions:
 
     def __post_init__(self) -> None:
         """Check all options; raises UsageError with all mistakes."""
-        mistakes = [
-            f"bounds of {name} ({low:g}, {high:g}): must be finite, the least first"
-            for name, (low, high) in self.bounds
-            if not -math.inf < low <= high < math.inf
-        ]
+        wrong = [(name, *pair) for name, pair in self.bounds if not -math.inf < pair[0] <= pair[1] < math.inf]
+        told = "must be finite, the least first"
+        mistakes = [f"bounds of {name} ({low:g}, {high:g}): {told}" for name, low, high in wrong]
         for entry in fields(self):
             value, part = getattr(self, entry.name), entry.name in {"tolerance", "cooling"}
             if entry.name not in {"bounds", "seed"} and not 0 < value < (1 if part else math.inf):
@@ -129,9 +127,10 @@ class FrictionProblem(FrozenArrays):
         return self.eliminate(self.samples.pass_law(self.law, shape))
 
     def compute_rates(self, shape: Sequence[float] | FloatArray, linear: FloatArray) -> FloatArray:
-        """Return the derivatives of Q_x Phi_R linear by the shape values: (M, s)."""
+        """Return the derivatives of Q_x Phi_R linear by the coordinates z: (M, s)."""
         rates = compute_column_derivatives(self.law, self.samples.inputs, [float(value) for value in shape])
-        return self.eliminate(self.samples.pass_columns(np.einsum("nps,p->ns", rates, linear)))
+        rates = self.eliminate(self.samples.pass_columns(np.einsum("nps,p->ns", rates, linear)))
+        return rates * np.where(self.is_logarithmic, shape, 1.0)
 
     def eliminate(self, columns: FloatArray) -> FloatArray:
         """Return columns behind R (M, c), or one of them (M,), less their parts in those beside friction."""
@@ -139,13 +138,13 @@ class FrictionProblem(FrozenArrays):
 
     def solve_beside(self, linear: Sequence[float] | FloatArray, shape: Sequence[float]) -> FloatArray:
         """Return the factors (k,) of the columns beside friction, of least norm in scaled columns."""
-        beside = decompose_beside(self.samples)
-        rest = self.samples.build_rows().torque - self.samples.pass_law(self.law, shape) @ np.asarray(linear)
+        beside = self.samples.beside
+        rest = self.samples.rows.torque - self.samples.pass_law(self.law, shape) @ np.asarray(linear)
         return np.asarray(beside.factors @ (beside.basis.T @ rest))
 
     def condense_sensitivities(self, linear: Sequence[float], shape: Sequence[float]) -> FloatArray:
         """Return p + s + r rows with the lengths and angles of the columns of `compute_sensitivities`."""
-        beside = decompose_beside(self.samples)
+        beside = self.samples.beside
         own = compute_sensitivities(self.samples, self.law, linear, shape)[:, : len(linear) + len(shape)]
         inside = beside.basis.T @ own
         rest = compute_triangle(own - beside.basis @ inside)
@@ -188,7 +187,7 @@ def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionO
     if not np.any(samples.velocity):
         text = f"joint {samples.joint!r} does not move: its friction is not identifiable"
         raise IdentifiabilityError(Notice(code="friction.rest", text=text))
-    target, basis = samples.build_rows().torque, decompose_beside(samples).basis
+    target, basis = samples.rows.torque, samples.beside.basis
     unknowns = len(law.linear) + len(law.shape) + samples.extra.shape[1]
     if len(target) <= unknowns:
         text = f"joint {samples.joint!r}: {len(target)} rows are too few for {unknowns} unknowns"
@@ -210,42 +209,6 @@ def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionO
     )
 
 
-class Beside(NamedTuple):
-    """Of the columns beside friction behind R, X (M, k): a basis (M, r), X^+ = `factors` (k, r) basis'.
-
-    `parts` (r, k) is basis' X.
-    """
-
-    basis: FloatArray
-    factors: FloatArray
-    parts: FloatArray
-
-
-def decompose_beside(samples: FrictionSamples) -> Beside:
-    """Return what X spans, once for the same samples; X^+ is that of least norm in scaled columns."""
-    if "beside" not in samples.memory:
-        beside = samples.build_rows().extra
-        lengths = np.linalg.norm(beside, axis=0)
-        scales = np.where(lengths > 0.0, 1.0 / np.where(lengths > 0.0, lengths, 1.0), 0.0)
-        left, singular, right = np.linalg.svd(beside * scales, full_matrices=False)
-        rank = int(np.sum(singular > numerics.RANK * singular.max(initial=0.0)))
-        factors = scales[:, None] * (right[:rank].T / singular[:rank])
-        parts = (singular[:rank, None] * right[:rank]) * lengths
-        samples.memory["beside"] = Beside(freeze(left[:, :rank]), freeze(factors), freeze(parts))
-    found: Beside = samples.memory["beside"]
-    return found
-
-
-def find_slowest(samples: FrictionSamples) -> float:
-    """Return the lowest speed, rad/s or m/s, that shape values can have: that of the fifth slowest sample.
-
-    Between 0.0001 and 0.01 of the top speed.
-    """
-    speeds = np.abs(samples.velocity)
-    place, fastest = min(4, len(speeds) - 1), float(speeds.max())
-    return min(max(float(np.partition(speeds, place)[place]), 1e-4 * fastest), 1e-2 * fastest)
-
-
 def _list_bounds(
     law: FrictionLaw, samples: FrictionSamples, options: FrictionOptions
 ) -> tuple[FloatArray, FloatArray]:
@@ -256,8 +219,10 @@ def _list_bounds(
         names = ", ".join(entry.name for entry in law.shape) or "none"
         text = f"bounds of {', '.join(unknown)}: unknown; the shape values of law {law.name!r} are {names}"
         raise UsageError(Notice(code="friction.bounds", text=text))
-    slow, fastest = find_slowest(samples), float(np.max(np.abs(samples.velocity)))
-    pairs = []
+    speeds = np.sort(np.abs(samples.velocity))
+    # The fifth slowest sample, or a part of the top speed.
+    fastest = float(speeds[-1])
+    slow, pairs = min(max(float(speeds[:5][-1]), 1e-4 * fastest), 1e-2 * fastest), []
     for entry in law.shape:
         low, high = entry.lower, entry.upper
         if entry.unit in SPEED_UNITS:
@@ -312,19 +277,13 @@ class Projector:
         basis = orthonormal @ left[:, :rank]
         parts = basis.T @ self.problem.target
         residual = self.problem.target - basis @ parts
-        return Projection(
-            z=self.problem.encode(shape),
-            shape=shape,
-            objective=float(residual @ residual),
-            residual=residual,
-            linear=(right[:rank].T @ (parts / singular[:rank])) / lengths,
-            basis=basis,
-        )
+        linear = (right[:rank].T @ (parts / singular[:rank])) / lengths
+        objective, z = float(residual @ residual), self.problem.encode(shape)
+        return Projection(z, shape, objective, residual, linear, basis)
 
     def compute_jacobian(self, state: Projection) -> FloatArray:
         """Return Kaufman's Jacobian by the coordinates z: (M, s)."""
         rates = self.problem.compute_rates(state.shape, state.linear)
-        rates = rates * np.where(self.problem.is_logarithmic, state.shape, 1.0)
         return np.asarray(state.basis @ (state.basis.T @ rates) - rates)
 
     def record(self, *states: Projection) -> None:
@@ -335,31 +294,17 @@ class Projector:
         self, state: Projection, outcome: Ending, ended: str, **settings: float
     ) -> FrictionSearch:
         """Return the end of a search at `state`."""
-        return FrictionSearch(
-            linear=tuple(state.linear.tolist()),
-            shape=tuple(state.shape.tolist()),
-            objective=state.objective,
-            evaluations=self.evaluations,
-            solves=self.solves,
-            iterations=len(self.history) - 1,
-            history=tuple(self.history),
-            outcome=outcome,
-            ended=ended,
-            settings=tuple(settings.items()),
-        )
+        values = tuple(state.linear.tolist()), tuple(state.shape.tolist()), state.objective
+        counts = self.evaluations, self.solves, len(self.history) - 1
+        return FrictionSearch(*values, *counts, tuple(self.history), outcome, ended, tuple(settings.items()))
 
     def compute_side_gain(self, state: Projection, place: int, side: float) -> float:
-        """Return how much less J would be at the least of its parabola on one side (+-1.0) of a shape value.
-
-        A kink of J has two slopes. Zero where J does not fall to that side, or the search ends there.
-        """
+        """Return how much less J is at the least of its parabola on one side (+-1.0) of a shape value."""
         z, (low, high) = np.array(state.z), self.problem.box
         z[place] += side * 1e-10
         if not low[place] <= z[place] <= high[place]:
             return 0.0
-        shape = self.problem.decode(z)
-        rate = self.problem.compute_rates(shape, state.linear)[:, place]
-        rate = rate * (shape[place] if self.problem.is_logarithmic[place] else 1.0)
+        rate = self.problem.compute_rates(self.problem.decode(z), state.linear)[:, place]
         rate = rate - state.basis @ (state.basis.T @ rate)
         fall, curved = 2.0 * side * float(rate @ state.residual), float(rate @ rate)
         return fall**2 / (4.0 * curved) if fall > 0.0 and curved > 0.0 else 0.0

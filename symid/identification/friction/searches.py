@@ -5,31 +5,26 @@ Variable projection: the shape is searched, the rest follows by linear least squ
     d = argmin |r + F d|^2 + lambda |D d|^2,   D the lengths of the columns of Kaufman's Jacobian F
     h(s) = r(s)' dPhi/ds c(s) = -1/2 dJ/ds = 0                           root finding, one shape value
 
-Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432; Kaufman, BIT 15 (1975) 49-57; Levenberg, Quart.
-Appl. Math. 2 (1944) 164-168; Marquardt, J. SIAM 11 (1963) 431-441. Damped Gauss-Newton steps in the
-logarithms start from a grid of shapes. A linear zone gives J a kink wherever its edge passes a sample: the
-edge is set onto the kinks next to it, and beyond them. Where friction changes its sign at a velocity that is
-searched, J jumps: the intervals between jumps are tried. Root finding (first row of Table 2 of Zhang, Hu and
-Zou (2021)) scans h at values spaced by equal factors and finds each root by Brent's method.
+Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432; Kaufman, BIT 15 (1975) 49-57; Levenberg (1944);
+Marquardt (1963). Damped Gauss-Newton steps in the logarithms start from a grid of shapes. A linear zone gives
+J a kink wherever its edge passes a sample: the edge is set onto the kinks next to it, and beyond them. Where
+friction changes its sign at a velocity that is searched, J jumps: the intervals between jumps are tried. Root
+finding (Table 2 of Zhang, Hu and Zou (2021)) scans h and finds each root by Brent's method.
 
 Over all parameters between bounds: Ipopt, genetic, annealing, evolution.
 
     nlp        min_x J(x), lower <= x <= upper, over the physical parameters x, so that fS >= 0, fC >= 0 hold
                f(x) = |y - Q R t(x)|^2 / scale, t(x) = sum_k c_k(x) Phi_k(v; s(x)), (c, s) = mixing^-1 x
-               with exact first and second derivatives by CasADi; starts are the best shapes of a grid,
-               linear parameters by least squares
+               with exact derivatives by CasADi, from the best shapes of a grid
     genetic    tournament of two -> crossover of all parents -> the best of parents and children survive
                (our own design: Zhang, Hu and Zou (2021) do not say how theirs works)
-    annealing  crossover and survival as above, then each candidate x moves to a neighbour x' if dJ < 0 or
-               u < exp(-dJ / T), T_0 = J_max - J_min of the first generation, T_g+1 = cooling T_g; the best
-               one never moves uphill (Metropolis et al., J. Chem. Phys. 21 (1953) 1087; Kirkpatrick, Gelatt
-               and Vecchi, Science 220 (1983) 671-680)
+    annealing  the same, then each candidate x moves to a neighbour x' if dJ < 0 or u < exp(-dJ / T), T_0 =
+               J_max - J_min of the first generation, T_g+1 = cooling T_g; the best one never moves uphill
+               (Metropolis et al. 1953; Kirkpatrick, Gelatt and Vecchi, Science 220 (1983) 671-680)
     evolution  differential evolution of SciPy (Storn and Price, J. Global Optim. 11 (1997) 341-359)
 
 The same state of the generator gives the same result; optima in a kink are not found to full precision.
-
-Supported: up to three free shape values in variable projection, dependent columns; bounds of linear
-parameters only in the searches between bounds.
+Supported: up to three free shape values in variable projection, dependent columns.
 """
 
 import itertools
@@ -305,14 +300,11 @@ def _visit_kinks(
 
 
 def search_by_roots(problem: FrictionProblem, options: FrictionOptions) -> FrictionSearch:
-    """Return the stationary point of least objective, else the better end of the scan.
-
-    Raises UsageError for motion in both directions, or not exactly one free shape value.
-    """
+    """Return the stationary point of least objective, of one shape value and motion in one direction."""
     free, mistakes = np.flatnonzero(problem.is_free), []
     if len(free) != 1:
         mistakes.append(f"one free shape value; law {problem.law.name!r} has {len(free)} here")
-    if not is_one_sided(problem.samples.build_rows().velocity):
+    if not is_one_sided(problem.samples.rows.velocity):
         mistakes.append("motion in one direction; these samples have both")
     if mistakes:
         texts = (f"root finding needs {text}: use the estimator 'varpro'" for text in mistakes)
@@ -331,15 +323,13 @@ def search_by_roots(problem: FrictionProblem, options: FrictionOptions) -> Frict
             kept[coordinate] = slope, state
         return kept[coordinate][0]
 
-    scan = [float(value) for value in np.linspace(ends[0][place], ends[1][place], options.solves)]
-    slopes = [compute_slope(value) for value in scan]
+    scan = np.linspace(ends[0][place], ends[1][place], options.solves).tolist()
+    slopes = list(map(compute_slope, scan))
     projector.record(*(state for _, state in kept.values()))
     roots = 0
-    for left, right, before, after in zip(scan[:-1], scan[1:], slopes[:-1], slopes[1:], strict=True):
+    for (left, before), (right, after) in itertools.pairwise(zip(scan, slopes, strict=True)):
         if before * after < 0.0:
-            root = float(
-                scipy.optimize.brentq(compute_slope, left, right, xtol=options.tolerance, rtol=1e-14)
-            )
+            root = scipy.optimize.brentq(compute_slope, left, right, xtol=options.tolerance, rtol=1e-14)
             compute_slope(root)
             roots += 1
             projector.record(kept[root][1])
@@ -364,21 +354,19 @@ def build_nlp(
     columns = law.columns(build_casadi_carrier(), named, shape)
     torque = casadi.dot(values[:count], casadi.vertcat(*columns))
     hessian, gradient = casadi.hessian(torque, x)
-    upper = np.triu_indices(size)
-    bends = casadi.vertcat(*(hessian[i, j] for i, j in zip(*(part.tolist() for part in upper), strict=True)))
-    # x (n), inputs (i, N) -> torque (1, N), gradient (n, N), upper triangle of the Hessian.
-    function = casadi.Function("torque", [x, inputs], [torque, gradient, bends])
+    # x (n), inputs (i, N) -> torque (1, N), gradient (n, N), Hessian (n n, N).
+    function = casadi.Function("torque", [x, inputs], [torque, gradient, casadi.densify(casadi.vec(hessian))])
     given = np.vstack([problem.samples.inputs[name] for name in law.inputs])
 
     @keep_last
     def compute_state(x: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-        # Errors (M,), their derivatives (M, n), and errors' sum over second ones, upper triangle.
+        # Errors (M,), their derivatives (M, n), and errors' sum over second ones (n, n).
         next(calls)
         rows = [np.asarray(part, dtype=np.float64).T for part in function(x, given)]
         passed = problem.samples.pass_columns(np.hstack(rows))
         errors = problem.eliminate(passed[:, 0] - problem.target)
-        slopes = problem.eliminate(passed[:, 1 : 1 + size])
-        return errors, slopes, passed[:, 1 + size :].T @ errors
+        bends = (passed[:, 1 + size :].T @ errors).reshape(size, size)
+        return errors, problem.eliminate(passed[:, 1 : 1 + size]), bends
 
     def compute_value(x: FloatArray) -> float:
         errors = compute_state(x)[0]
@@ -390,10 +378,7 @@ def build_nlp(
 
     def compute_hessian(x: FloatArray) -> FloatArray:
         _, slopes, bends = compute_state(x)
-        second = np.zeros((size, size))
-        second[upper] = bends
-        second += np.triu(second, 1).T
-        return np.asarray((slopes.T @ slopes + second) * (2.0 / scale))
+        return np.asarray((slopes.T @ slopes + bends) * (2.0 / scale))
 
     smooth = SmoothProblem(
         value=compute_value, gradient=compute_gradient, hessian=compute_hessian, lower=low, upper=high
@@ -413,34 +398,26 @@ def search_by_nlp(problem: FrictionProblem, options: FrictionOptions) -> Frictio
     scale = max(states[0].objective, 1e-20 * float(problem.target @ problem.target), numerics.TINY)
     smooth, calls = build_nlp(problem, scale, low, high)
     compute_hessian: Any = smooth.hessian
-    settings = IpoptOptions(tolerance=options.tolerance, iterations=options.iterations)
+    limits = IpoptOptions(tolerance=options.tolerance, iterations=options.iterations)
     history, runs, objectives = [states[0].objective], [], []
     for state in states[: options.starts]:
         start = np.clip(law.to_physical(list(state.linear), list(state.shape)), low, high)
         # One unit of a scaled unknown changes the objective by about one.
         bend = np.abs(np.diag(compute_hessian(start)))
-        scales = np.where(bend > 0.0, 1.0 / np.sqrt(np.where(bend > 0.0, bend, 1.0)), 1.0)
-        runs.append(minimise(smooth, start, settings, scales))
+        scales = 1.0 / np.sqrt(np.where(bend > 0.0, bend, 1.0))
+        runs.append(minimise(smooth, start, limits, scales))
         objectives.append(smooth.value(runs[-1].x) * scale)
         history.append(min(history[-1], objectives[-1]) if runs[-1].outcome.usable else history[-1])
     usable = [place for place, run in enumerate(runs) if run.outcome.usable]
-    place = min(usable or range(len(runs)), key=lambda place: objectives[place])
+    place = min(usable or range(len(runs)), key=objectives.__getitem__)
     best, objective = runs[place], objectives[place]
     iterations = sum(run.iterations for run in runs)
-    linear, shape = law.from_physical([float(value) for value in best.x])
+    linear, shape = law.from_physical(best.x.tolist())
     same = sum(objectives[place] <= objective * (1.0 + 1e-6) for place in usable)
-    return FrictionSearch(
-        linear=linear,
-        shape=shape,
-        objective=objective,
-        evaluations=next(calls) + projector.evaluations,
-        solves=projector.solves + iterations,
-        iterations=iterations,
-        history=tuple(history),
-        outcome=best.outcome,
-        ended=f"Ipopt ended: {best.reason}; {same} of {len(runs)} starts end at this optimum",
-        settings=(("starts", len(runs)), ("agreeing", same)),
-    )
+    counts = next(calls) + projector.evaluations, projector.solves + iterations, iterations
+    ended = f"Ipopt ended: {best.reason}; {same} of {len(runs)} starts end at this optimum"
+    settings = (("starts", len(runs)), ("agreeing", same))
+    return FrictionSearch(linear, shape, objective, *counts, tuple(history), best.outcome, ended, settings)
 
 
 class UnitBoxProblem:
@@ -468,37 +445,20 @@ class UnitBoxProblem:
         return self.problem.compute_objectives(*self.express(genes))
 
     def build_search(
-        self,
-        options: FrictionOptions,
-        genes: FloatArray,
-        objective: float,
-        *,
-        converged: bool,
-        **settings: float | str,
+        self, limit: int, genes: FloatArray, objective: float, *, converged: bool, **settings: float | str
     ) -> FrictionSearch:
-        """Return the end of a search with the best candidate, genes (d,)."""
+        """Return the end of a search with the best candidate, genes (d,); `limit` of generations."""
         linear, shape = self.express(genes[None, :])
         spread = f"the relative spread of the candidates' objectives fell below {numerics.CONVERGED:g}"
-        return FrictionSearch(
-            linear=tuple(linear[0].tolist()),
-            shape=tuple(shape[0].tolist()),
-            objective=objective,
-            evaluations=self.evaluations,
-            solves=0,
-            iterations=len(self.history) - 1,
-            history=tuple(self.history),
-            outcome=Ending.STAGNATED if converged else Ending.LIMIT,
-            ended=spread if converged else f"{options.iterations} generations passed",
-            settings=tuple(settings.items()),
-        )
+        ended = (Ending.STAGNATED, spread) if converged else (Ending.LIMIT, f"{limit} generations passed")
+        values = tuple(linear[0].tolist()), tuple(shape[0].tolist()), objective
+        counts = self.evaluations, 0, len(self.history) - 1
+        return FrictionSearch(*values, *counts, tuple(self.history), *ended, tuple(settings.items()))
 
 
 def draw_children(genes: FloatArray, parents: FloatArray, width: float, generator: Generator) -> FloatArray:
-    """Return a child of each parent (P, d) by a crossover of all genes x (P, d), mirrored at the box's faces.
-
-    child = parent + width / sqrt(P) sum_k w_k (x_k - mean), w_k standard normal: the steps have the
-    population's own covariance, so that valleys in any direction are followed.
-    """
+    """Return a child of each parent (P, d) by a crossover of all genes (P, d), mirrored at the box's ends."""
+    # parent + width / sqrt(P) sum_k w_k (x_k - mean), w_k standard normal, follows valleys in any direction.
     count = len(genes)
     weights = generator.standard_normal((len(parents), count)) * (width / np.sqrt(count))
     children = np.abs(parents + weights @ (genes - np.mean(genes, axis=0)))
@@ -538,15 +498,10 @@ def search_by_population(
         box.history.append(least)
         converged = most - least <= numerics.CONVERGED * least
     best = int(np.argmin(objectives))
-    return box.build_search(
-        options,
-        genes[best],
-        float(objectives[best]),
-        converged=converged,
-        population=len(genes),
-        width=options.width,
-        **({"cooling": options.cooling} if anneal else {}),
-    )
+    settings = {"population": len(genes), "width": options.width}
+    settings |= {"cooling": options.cooling} if anneal else {}
+    least = float(objectives[best])
+    return box.build_search(options.iterations, genes[best], least, converged=converged, **settings)
 
 
 def search_by_evolution(
@@ -568,17 +523,12 @@ def search_by_evolution(
         tol=numerics.CONVERGED,
         seed=generator,
         # With SciPy's own defaults, best1bin and 0.7, 4 of 40 draws failed.
-        strategy="randtobest1bin",
+        strategy=(strategy := "randtobest1bin"),
         recombination=0.9,
         polish=False,
         vectorized=True,
         updating="deferred",
     )
-    return box.build_search(
-        options,
-        answer.x,
-        float(answer.fun),
-        converged=bool(answer.success),
-        population=options.population * box.size,
-        strategy="randtobest1bin",
-    )
+    settings: dict[str, float | str] = {"population": options.population * box.size, "strategy": strategy}
+    found = float(answer.fun), bool(answer.success)
+    return box.build_search(options.iterations, answer.x, found[0], converged=found[1], **settings)

@@ -10,7 +10,7 @@ effort; where that refuses a parameter of theirs, they are not taken.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,39 +22,28 @@ from symid.identification import rigid
 from symid.identification.estimators import LawSelection, LawTrial, MotionResidual, find_phases
 from symid.identification.friction import joint_fit
 from symid.identification.friction.estimators import fit_friction
+from symid.identification.friction.joint_fit import FrictionEstimate, FrictionRows, FrictionSamples
 from symid.identification.friction.problem import FrictionOptions, build_problem
 from symid.identification.judge import POLICY
 from symid.joint_models import FrictionLaw, get_law
 
 CANDIDATE_LAWS = (
-    "coulomb-viscous",
-    "coulomb-viscous-offset",
-    "asymmetric",
-    "tustin+offset",
-    "stribeck+offset",
-    "lorentzian+offset",
-    "improved-stribeck",
-    "asymmetric-stribeck",
-    "cubic+offset",
-    "power-law+offset",
-    "stribeck+cubic+offset",
-    "load-dependent+offset",
-    "stribeck-exponent+offset",
-    "makkar+offset",
+    *("coulomb-viscous", "coulomb-viscous-offset", "asymmetric", "tustin+offset", "stribeck+offset"),
+    *("lorentzian+offset", "improved-stribeck", "asymmetric-stribeck", "cubic+offset", "power-law+offset"),
+    *("stribeck+cubic+offset", "load-dependent+offset", "stribeck-exponent+offset", "makkar+offset"),
 )
 """Laws among which `auto` chooses, from plain to rich."""
 
 
-def cut_parts(rows: joint_fit.FrictionRows) -> tuple[list[NDArray[np.intp]], NDArray[np.intp]]:
+def cut_parts(rows: FrictionRows) -> tuple[list[NDArray[np.intp]], NDArray[np.intp]]:
     """Return the rows of every part, and the stretch (b,) that each is left out with.
 
     Raises IdentifiabilityError where there are fewer rows than parts.
     """
     runs = np.unique(rows.run)
     each, count = max(2, math.ceil(POLICY.folds / len(runs))), len(rows.run)
-    parts = [
-        part for run in runs for part in np.array_split(np.flatnonzero(rows.run == run), each * POLICY.parts)
-    ]
+    pieces, members = each * POLICY.parts, [np.flatnonzero(rows.run == run) for run in runs]
+    parts = [part for own in members for part in np.array_split(own, pieces)]
     if count < len(parts):
         text = (
             f"logs with {count} rows cannot be cut into {len(parts)} parts, so no data can be held out to "
@@ -64,54 +53,52 @@ def cut_parts(rows: joint_fit.FrictionRows) -> tuple[list[NDArray[np.intp]], NDA
     return parts, np.arange(len(parts)) // POLICY.parts
 
 
-def predict_rows(
-    samples: joint_fit.FrictionSamples, law: FrictionLaw, estimate: joint_fit.FrictionEstimate
-) -> FloatArray:
+def predict_rows(samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate) -> FloatArray:
     """Return the torques (M,) in N m or N that an estimate predicts of the rows of `samples`."""
     friction = samples.pass_law(law, estimate.shape) @ np.asarray(estimate.linear)
-    return np.asarray(friction + samples.build_rows().extra @ np.asarray(estimate.other))
+    return np.asarray(friction + samples.rows.extra @ np.asarray(estimate.other))
 
 
 def measure_motion(
-    samples: joint_fit.FrictionSamples,
+    samples: FrictionSamples,
     law: FrictionLaw,
-    estimate: joint_fit.FrictionEstimate,
+    estimate: FrictionEstimate,
     *,
     unit: str,
     kept: NDArray[np.bool_],
 ) -> MotionResidual:
     """Return the residual of all rows in motion, at reversal and at rest; those not `kept` (m,) too."""
-    rows = samples.build_rows()
+    rows = samples.rows
     errors = rows.torque - predict_rows(samples, law, estimate)
     phases = find_phases(rows.time, rows.velocity, rows.run)
     return MotionResidual.measure(samples.joint, unit, errors, phases, int(np.sum(~kept)))
 
 
 def compute_relative_residual(
-    samples: joint_fit.FrictionSamples, law: FrictionLaw, estimate: joint_fit.FrictionEstimate
+    samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate
 ) -> float:
     """Return the residual of an estimate on the rows of `samples`, in percent of their norm."""
-    torque = samples.build_rows().torque
+    torque = samples.rows.torque
     left = torque - predict_rows(samples, law, estimate)
     return 100.0 * float(np.linalg.norm(left) / np.linalg.norm(torque))
 
 
 def select_law(
-    samples: joint_fit.FrictionSamples,
+    samples: FrictionSamples,
     names: Sequence[str] = CANDIDATE_LAWS,
     *,
-    smoothing: float = 0.0,
+    look_up: Callable[[str], FrictionLaw] = get_law,
     options: FrictionOptions | None = None,
-) -> tuple[LawSelection, joint_fit.FrictionEstimate]:
+) -> tuple[LawSelection, FrictionEstimate]:
     """Return the choice among laws by their names, and the fit of the one taken to all rows.
 
-    `smoothing` is v0 in rad/s or m/s of all laws. Raises UsageError for an unknown law, IdentifiabilityError
-    where no law can be fitted or there are too few rows to hold some out.
+    `look_up` returns a law by its name. Raises UsageError for an unknown law, IdentifiabilityError where no
+    law can be fitted or there are too few rows to hold some out.
     """
-    options, rows = options or FrictionOptions(), samples.build_rows()
+    options, rows = options or FrictionOptions(), samples.rows
     parts, fold = cut_parts(rows)
     laws, failed = list[FrictionLaw](), list[LawTrial]()
-    for law in [get_law(name, smoothing=smoothing) for name in names]:
+    for law in list(map(look_up, names)):
         try:
             build_problem(samples, law, options)
         except SymidError as error:
@@ -125,15 +112,13 @@ def select_law(
         raise IdentifiabilityError(Notice(code="friction.no-law", text=text))
 
     def tabulate(wanted: Sequence[rigid.Wanted], _: FloatArray | None) -> list[rigid.JointTable]:
-        table = rigid.tabulate_rows(
-            wanted[0], samples.inputs, samples.pass_columns, rows.extra, rows.torque, parts, fold
-        )
-        return [table]
+        given = (samples.inputs, samples.pass_columns, rows.extra, rows.torque, parts, fold)
+        return [rigid.tabulate_rows(wanted[0], *given)]
 
     speeds = np.abs(rows.velocity[rows.velocity != 0.0])
     wanted = [(law, shape) for law in laws for shape in rigid.list_shape_nodes(law, speeds)]
     search = rigid.search_laws(tabulate, [wanted], [speeds])
-    trials, fits = list(search.trials[0]), dict[int, joint_fit.FrictionEstimate]()
+    trials, fits = list(search.trials[0]), dict[int, FrictionEstimate]()
     while True:
         choice = rigid.choose_trial(trials)
         # The best is what the others are compared with, so it is fitted as well.
@@ -141,7 +126,7 @@ def select_law(
         if not unknown:
             break
         for place in unknown:
-            law = get_law(trials[place].law.name, smoothing=smoothing)
+            law = look_up(trials[place].law.name)
             fits[place] = fit_friction(samples, law, options=options)
             refused = dict(fits[place].refused)
             weak = tuple(entry.name for entry in law.physical if entry.name in refused)
@@ -149,9 +134,8 @@ def select_law(
     unit = "N" if samples.prismatic else "N m"
     selection = rigid.describe_choice(search.tables[0], trials, choice, "the torque", unit)
     beside = rows.extra.shape[1]
-    criteria = {
-        one.law.name: joint_fit.compute_criteria(one.fitted, len(rows.torque), one.unknowns + beside)[0]
-        for one in trials
-    }
-    listed = [replace(trial, aicc=criteria[trial.law]) for trial in selection.trials]
+    counts = {one.law.name: (one.fitted, len(rows.torque), one.unknowns + beside) for one in trials}
+    listed = [
+        replace(trial, aicc=joint_fit.compute_criteria(*counts[trial.law])[0]) for trial in selection.trials
+    ]
     return replace(selection, trials=(*listed, *failed)), fits[choice.taken]

@@ -50,21 +50,20 @@ class ElementPath(FrozenArrays):
     Args:
         position: (N,) rad or m; velocity: (N,) rad/s or m/s; period: (N,) of the steps, s.
         start: what the element remembers before the first sample.
-        begins: first samples of recordings that stand one after the other; each begins from `start`.
+        begins: first samples of recordings that stand one after the other, each from `start`; none of one.
     """
 
     position: FloatArray
     velocity: FloatArray
     period: FloatArray
     start: joint_models.Start = "zero"
-    begins: tuple[int, ...] = (0,)
+    begins: tuple[int, ...] = ()
 
     def split(self) -> "list[ElementPath]":
         """Return the path of every recording."""
-        names = ("position", "velocity", "period")
-        columns = (np.split(getattr(self, name), self.begins[1:]) for name in names)
-        parts = (dict(zip(names, part, strict=True)) for part in zip(*columns, strict=True))
-        return [ElementPath(**part, start=self.start) for part in parts]
+        columns = (np.split(part, self.begins[1:]) for part in (self.position, self.velocity, self.period))
+        parts = zip(*columns, strict=True)
+        return [ElementPath(position=x, velocity=v, period=h, start=self.start) for x, v, h in parts]
 
     @property
     def reach(self) -> float:
@@ -118,8 +117,8 @@ class ElementFamily(ABC):
     """Whether the shape is improved by a search."""
     falling: bool = False
     """Whether slip springs have a level that falls with the speed."""
-    signed: tuple[int, ...] = ()
-    """Values of the shape that may be negative."""
+    signed: tuple[bool, ...] = ()
+    """Of each value of the shape, whether it may be negative; none may where nothing is said."""
     brakes: bool = False
     """Whether all coefficients but the first, a spring, must brake even where the element may be active."""
 
@@ -131,9 +130,8 @@ class ElementFamily(ABC):
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
         """Return the columns (N, m)."""
 
-    def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
+    def list_limits(self, count: int, *, passive: bool) -> Limits:
         """Return the bounds of the coefficients: none, or zero from below where passive."""
-        del shape
         low = np.full(count, -np.inf)
         if passive or self.brakes:
             low[0 if passive else 1 :] = 0.0
@@ -166,21 +164,17 @@ class Stops(ElementFamily):
         return (f"{self.count} thresholds {place}" if self.count else "no memory",)
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
-        """Return the grid, or all choices from a coarse one."""
         if not self.searched:
             return [path.list_lengths(self.count)]
         return [np.array(some) for some in combinations(path.list_lengths(2 * STARTS).tolist(), self.count)]
 
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
-        """Return x and the stops."""
         x = path.position[:, None]
         return np.hstack([x, x - path.compute_plays(shape)])
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
-        joined: dict[float, float] = {}
-        for threshold, stiffness in sorted(zip(shape.tolist(), coefficients[1:].tolist(), strict=True)):
-            joined[threshold] = joined.get(threshold, 0.0) + stiffness
-        stops = tuple(joint_models.Stop(threshold=r, stiffness=k) for r, k in joined.items() if k != 0.0)
+        joined = [(r, float(np.sum(coefficients[1:][shape == r]))) for r in np.unique(shape).tolist()]
+        stops = tuple(joint_models.Stop(threshold=r, stiffness=k) for r, k in joined if k != 0.0)
         return joint_models.Elasticity(stiffness=float(coefficients[0]), stops=stops)
 
 
@@ -197,7 +191,7 @@ class NonlinearStops(ElementFamily):
     has_offset: bool = False
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
-        """Return thresholds, and falls that hardly matter at the largest speed."""
+        # Falls that hardly matter at the largest speed.
         tail = [POLICY.relevance / path.speed] * 2 if self.falling else []
         return [np.append(some, tail) for some in Stops(count=self.count, searched=True).list_starts(path)]
 
@@ -220,20 +214,19 @@ class NonlinearStops(ElementFamily):
         """Return x, then hats over the deflection of every slip spring."""
         radii, falls = self._split(shape)
         x, (begin, side), places = path.position[:, None], path.origin, np.array(self.places)
-        columns = [x]
+        columns = [path.position]
         # Bounds that move with the speed do not follow the position up and down.
         turns = None if any(falls) else joint_models.find_turns(path.position)
         for radius, free in zip(radii, self._free, strict=True):
             low, high = (float(radius) / (1.0 + fall * np.abs(path.velocity[:, None])) for fall in falls)
             memory = np.array([begin - float(radius) * side])
             deflection = (x - joint_models.compute_clamps(x - high, x + low, memory, turns))[:, 0] / radius
-            hats = [np.interp(deflection, places, unit) for unit in np.eye(len(places))[free]]
-            columns.append(np.stack(hats, axis=1))
-        return np.hstack(columns)
+            columns += [np.interp(deflection, places, unit) for unit in np.eye(len(places))[free]]
+        return np.column_stack(columns)
 
-    def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
+    def list_limits(self, count: int, *, passive: bool) -> Limits:
         """Return bounds of k0 and of the forces: those at the ends brake, with falls all do."""
-        low, high = ElementFamily.list_limits(self, shape, count, passive=False)
+        low, high = ElementFamily.list_limits(self, count, passive=False)
         if passive:
             places = np.broadcast_to(self.places, self._free.shape)[self._free]
             bound = (np.abs(places) == 1.0) | self.falling
@@ -245,13 +238,12 @@ class NonlinearStops(ElementFamily):
         radii, falls = self._split(shape)
         forces = np.zeros(self._free.shape)
         forces[self._free] = coefficients[1:]
-        deflections: FloatArray = np.outer(radii, self.places)
-        branches = [
-            joint_models.SlipSpring(
-                deflections=tuple(bends.tolist()), forces=tuple(own.tolist()), falls=falls
+        branches = []
+        for radius, own in zip(radii, forces, strict=True):
+            bends = tuple((radius * np.array(self.places)).tolist())
+            branches.append(
+                joint_models.SlipSpring(deflections=bends, forces=tuple(own.tolist()), falls=falls)
             )
-            for bends, own in zip(deflections, forces, strict=True)
-        ]
         return joint_models.Elasticity(stiffness=float(coefficients[0]), branches=tuple(branches))
 
 
@@ -283,9 +275,9 @@ class RelayGrid(ElementFamily):
         middles = np.clip(z - 0.5 * pairs.sum(axis=1), 0.0, 1.0)
         return np.hstack([np.clip(z - np.arange(self.count), 0.0, 1.0), middles - states])
 
-    def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
+    def list_limits(self, count: int, *, passive: bool) -> Limits:
         """Return bounds: relays brake."""
-        low, high = ElementFamily.list_limits(self, shape, count, passive=False)
+        low, high = ElementFamily.list_limits(self, count, passive=False)
         if passive:
             low[self.count :] = 0.0
         return low, high
@@ -312,9 +304,8 @@ class RelayGrid(ElementFamily):
 
     def _build(self, coefficients: FloatArray) -> joint_models.Relays:
         ramps, weights = np.split(np.asarray(coefficients, dtype=np.float64), [self.count])
-        return joint_models.Relays(
-            low=self.low, step=self.step, ramps=tuple(ramps.tolist()), weights=tuple(weights.tolist())
-        )
+        values = {"ramps": tuple(ramps.tolist()), "weights": tuple(weights.tolist())}
+        return joint_models.Relays(low=self.low, step=self.step, **values)
 
 
 _SMOOTH = 0.01
@@ -328,7 +319,7 @@ class BoucWenFamily(ElementFamily):
 
     asymmetric: bool = False
     name: str = "bouc-wen"
-    signed: tuple[int, ...] = (3, 4)
+    signed: tuple[bool, ...] = (False, False, False, True, True)
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
         """Return lengths up to the reach, of loops as round and as wide as those of Dahl."""
@@ -388,10 +379,9 @@ class BristleFamily(ElementFamily):
         return ("falling with the speed",) if self.needs_time and self.grid else ()
 
     def _list_level(self, shape: FloatArray, force: float) -> dict[str, float]:
-        fall = (
-            {"Fe": float(shape[-2]) * force, "vs": float(shape[-1]), "gamma": 2.0} if self.needs_time else {}
-        )
-        return {"Fc": force, **fall}
+        if not self.needs_time:
+            return {"Fc": force}
+        return {"Fc": force, "Fe": float(shape[-2]) * force, "vs": float(shape[-1]), "gamma": 2.0}
 
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
         """Return x and the forces of bristles of unit level; of LuGre also those of their damping."""
@@ -410,9 +400,8 @@ class BristleFamily(ElementFamily):
         radii = grid * height[:, None]
         # Bounds that move with the speed: elements are held within them, as generated code does.
         turns = None if self.needs_time else joint_models.find_turns(path.position)
-        return np.hstack(
-            [x, x - joint_models.compute_clamps(x - radii, x + radii, begin - grid * side, turns)]
-        )
+        clamped = joint_models.compute_clamps(x - radii, x + radii, begin - grid * side, turns)
+        return np.hstack([x, x - clamped])
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
         spring, elements = joint_models.Elasticity(stiffness=float(coefficients[0])), {}
@@ -508,8 +497,9 @@ class ElementForm:
 
     def move(self, shape: FloatArray, moves: FloatArray) -> FloatArray:
         """Return a shape whose searched values were moved: in their logarithm, but for those of any sign."""
-        moves, places = np.append(np.zeros(len(shape) - len(moves)), moves), np.arange(len(shape))
-        signed = np.isin(places, self.family.signed) & (places < len(shape) - len(self.added))
+        signs = self.family.signed[: len(shape) - len(self.added)]
+        signed = np.pad(np.array(signs, dtype=bool), (0, len(shape) - len(signs)))
+        moves = np.append(np.zeros(len(shape) - len(moves)), moves)
         return np.where(signed, shape + moves, shape * np.exp(moves))
 
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
@@ -524,10 +514,10 @@ class ElementForm:
         columns = [further[name] for name in self._columns]
         return np.column_stack([self.family.compute_columns(path, own), *columns])
 
-    def list_limits(self, shape: FloatArray, count: int, *, passive: bool) -> Limits:
+    def list_limits(self, count: int, *, passive: bool) -> Limits:
         """Return the bounds of the coefficients (m,); what relaxes is a spring."""
         further = self._columns
-        low, high = self.family.list_limits(self._split(shape)[0], count - len(further), passive=passive)
+        low, high = self.family.list_limits(count - len(further), passive=passive)
         bound = [name == "relaxation" or (passive and name != "offset") for name in further]
         return np.append(low, np.where(bound, 0.0, -np.inf)), np.append(high, np.full(len(further), np.inf))
 
@@ -539,14 +529,9 @@ class ElementForm:
         branches = found.branches
         if spring > 0.0:
             branches += (joint_models.Relaxation(stiffness=spring, time=values["relaxation"]),)
-        return replace(
-            found,
-            branches=branches,
-            backlash=values.get("backlash", 0.0),
-            damping=further.get("viscous", 0.0),
-            cubic=further.get("cubic", 0.0),
-            offset=further.get("offset", 0.0),
-        )
+        names = {"damping": "viscous", "cubic": "cubic", "offset": "offset"}
+        numbers = {field: further.get(name, 0.0) for field, name in names.items()}
+        return replace(found, branches=branches, backlash=values.get("backlash", 0.0), **numbers)
 
 
 ADDED = ("backlash", "relaxation")
@@ -554,10 +539,9 @@ ADDED = ("backlash", "relaxation")
 
 def list_added(part: str, path: ElementPath) -> FloatArray:
     """Return where a search of the value of a part may begin: lengths to the reach, times to the whole."""
-    whole = float(np.sum(path.period))
-    return (
-        path.list_lengths(STARTS) if part == "backlash" else np.geomspace(np.min(path.period), whole, STARTS)
-    )
+    if part == "backlash":
+        return path.list_lengths(STARTS)
+    return np.geomspace(np.min(path.period), np.sum(path.period), STARTS)
 
 
 def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[ElementFamily, ...]:

@@ -18,6 +18,7 @@ import itertools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 import scipy
@@ -27,28 +28,16 @@ from symid import joint_models
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle
 from symid.codegen import run_compiled_branch
 from symid.errors import Notice, UsageError
-from symid.identification.hysteresis import spring_fit
-from symid.identification.hysteresis.families import (
-    EXACT,
-    GRID,
-    SAMPLES,
-    STARTS,
-    BoucWenFamily,
-    ElementFamily,
-    ElementForm,
-    ElementPath,
-    NonlinearStops,
-    Stops,
-    list_added,
-    list_families,
-)
+from symid.identification.hysteresis import families, spring_fit
+from symid.identification.hysteresis.families import EXACT, GRID, SAMPLES, STARTS, ElementForm, ElementPath
 from symid.identification.judge import POLICY, compare, compute_changes, numerics
 from symid.notation import HYSTERESIS_MODELS
 from symid.options import HysteresisOptions
 from symid.serialization import HIDDEN
 
 _STARTS: tuple[joint_models.Start, ...] = ("zero", "fresh", "below", "above")
-_LEAST_SAMPLES = 50
+_PARTS = POLICY.folds * POLICY.parts
+"""Parts of a recording."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -115,7 +104,7 @@ class HysteresisRecord(FrozenArrays):
     fitted: float
     held_out: float
     samples: int
-    skipped: int = 0
+    skipped: int
     span: tuple[float, float]
     speed: float
     output: float
@@ -127,8 +116,7 @@ class HysteresisRecord(FrozenArrays):
 class ElementData:
     """A recording as the fit uses it: path and output (N,), thinned.
 
-    `kept` (N,): samples that are fitted; the others, where what the element remembered is not known, are
-    only followed.
+    Samples `kept` (N,) are fitted; the others, whose memory is not known, are only followed.
     """
 
     path: ElementPath
@@ -175,8 +163,8 @@ def check_recording(x: FloatArray, y: FloatArray, t: FloatArray | None) -> None:
     if x.ndim != 1 or x.shape != y.shape or (t is not None and t.shape != x.shape):
         shapes = ", ".join(str(part.shape) for part in (x, y, *(() if t is None else (t,))))
         mistakes.append(f"input, output and time must be columns of one length, got {shapes}")
-    elif len(x) < _LEAST_SAMPLES:
-        mistakes.append(f"{len(x)} samples; at least {_LEAST_SAMPLES} are needed")
+    elif len(x) < 2 * _PARTS:
+        mistakes.append(f"{len(x)} samples; at least {2 * _PARTS} are needed")
     for name, part in (("input", x), ("output", y), ("time", t)):
         if part is not None and not np.all(np.isfinite(part)):
             place = int(np.flatnonzero(~np.isfinite(part.ravel()))[0])
@@ -200,30 +188,26 @@ def compute_velocity(x: FloatArray, t: FloatArray) -> FloatArray:
     speed = float(np.sqrt(np.mean((np.diff(x) / np.diff(t)) ** 2)))
     needed = (12.0 * noise**2 / (step * POLICY.relevance * speed) ** 2) ** (1.0 / 3.0) if speed else 1.0
     half = int(np.clip(math.ceil(0.5 * (needed - 1.0)), 1, max(1, count // 200)))
-    low = np.clip(np.arange(count) - half, 0, None)
-    high = np.clip(np.arange(count) + half + 1, None, count)
-    centred = t - t.mean(), x - x.mean()
-    sums = [
-        np.concatenate([[0.0], np.cumsum(part)])
-        for part in (np.ones(count), *centred, centred[0] ** 2, centred[0] * centred[1])
-    ]
-    number, times, places, squares, products = (part[high] - part[low] for part in sums)
-    return np.asarray((number * products - times * places) / (number * squares - times**2))
+    places = np.arange(count)
+    low, high = np.clip(places - half, 0, None), np.clip(places + half + 1, None, count)
+    t, x = t - t.mean(), x - x.mean()
+    sums = (np.append(0.0, np.cumsum(part)) for part in (np.ones(count), t, x, t**2, t * x))
+    number, times, ways, squares, products = (part[high] - part[low] for part in sums)
+    return np.asarray((number * products - times * ways) / (number * squares - times**2))
 
 
 def build_path(x: FloatArray, t: FloatArray | None, start: joint_models.Start = "zero") -> ElementPath:
     """Return the path of an input (N,), at times (N,) in s; without them one sample takes one second."""
     time = np.arange(len(x), dtype=np.float64) if t is None else t
-    return ElementPath(
-        position=x, velocity=compute_velocity(x, time), period=_measure_steps(time), start=start
-    )
+    steps = _measure_steps(time)
+    return ElementPath(position=x, velocity=compute_velocity(x, time), period=steps, start=start)
 
 
 def _prepare(x: FloatArray, y: FloatArray, t: FloatArray | None) -> ElementData:
     """Return a recording with what the element remembered first, by stops and a curve."""
     check_recording(x, y, t)
     whole = ElementData(path=build_path(x, t), output=y, kept=np.ones(len(y), dtype=bool))
-    data, stops, errors = whole.thin(SAMPLES), Stops(count=GRID), list[FloatArray]()
+    data, stops, errors = (whole.thin(SAMPLES), families.Stops(count=GRID), list[FloatArray]())
     x = data.path.position
     curve = np.clip((x[:, None] - x.min()) * GRID / np.ptp(x) - np.arange(GRID), 0.0, 1.0)
     for start in _STARTS:
@@ -265,17 +249,14 @@ def _find_memory(elasticity: joint_models.Elasticity, data: ElementData) -> Elem
 
 
 def _cut(x: FloatArray) -> NDArray[np.intp]:
-    """Return for every sample (N,) its part of a recording: `POLICY.parts` for each of `POLICY.folds`.
-
-    Parts are of equal ways of the input: at rest nothing is learnt of an element.
-    """
-    ways, count = np.cumsum(np.abs(np.diff(x, prepend=x[:1]))), POLICY.folds * POLICY.parts
-    return np.minimum(ways * count / max(float(ways[-1]), numerics.TINY), count - 1).astype(np.intp)
+    """Return the part of every sample (N,), of equal ways of the input: at rest nothing is learnt."""
+    ways = np.cumsum(np.abs(np.diff(x, prepend=x[:1])))
+    return np.minimum(ways * _PARTS / max(float(ways[-1]), numerics.TINY), _PARTS - 1).astype(np.intp)
 
 
 def _measure(part: NDArray[np.intp], errors: FloatArray, output: FloatArray) -> FloatArray:
     """Return the losses (parts, 1): squares of errors (N,) in each part, over those of the output in all."""
-    sums = np.bincount(part, errors**2, minlength=POLICY.folds * POLICY.parts)
+    sums = np.bincount(part, errors**2, minlength=_PARTS)
     return sums[:, None] / max(float(np.var(output)) * len(output), numerics.TINY)
 
 
@@ -290,12 +271,9 @@ def _is_better(before: FloatArray, after: FloatArray) -> bool:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Optimum:
-    """What a model is around the best point that was found.
+    """A model around its best point (p,): derivatives of the output (M, p), output less prediction (M,).
 
-    Args:
-        point: (p,) what the data decide.
-        jacobian: (M, p) derivatives of the output; error: (M,) output less prediction.
-        held: (k, p) rows that hold the point, whose squares count as those of errors do; (0, p) for none.
+    The squares of rows `held` (k, p) times the point count as those of errors do.
     """
 
     point: FloatArray
@@ -324,16 +302,11 @@ class _Optimum:
         return _measure(part, errors, task.data.counted)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class _ElementTrial:
-    """A model at its best shape.
+    """A model at its best shape: `rebuild` leads from a point to the element, `losses` are (parts, 1).
 
-    Args:
-        model, form: its name, and what it has beside.
-        optimum: around its best point; rebuild: from a point to the element.
-        losses: (parts, 1) of errors left out, as of `_measure`.
-        refit: from another task to the same model.
-        source, shape: what it is of; None where further parts may not be added.
+    `refit` leads from another task to the same model; `source` is None where no parts may be added to it.
     """
 
     model: str
@@ -342,8 +315,8 @@ class _ElementTrial:
     rebuild: Callable[[FloatArray], joint_models.Elasticity]
     losses: FloatArray
     refit: "Callable[[_Task], _ElementTrial]"
-    source: ElementForm | None = None
-    shape: FloatArray | None = None
+    source: ElementForm | None
+    shape: FloatArray
 
     @property
     def elasticity(self) -> joint_models.Elasticity:
@@ -358,7 +331,7 @@ class _ElementTrial:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Task:
-    """What models are fitted to: a recording, whether elements must be passive, whether its time is known."""
+    """What models are fitted to; `timed` is whether the time of samples is known."""
 
     data: ElementData
     passive: bool
@@ -369,17 +342,13 @@ class _Task:
         """Return for every sample that is fitted (M,) its part of the recording."""
         return _cut(self.data.path.position[self.data.kept])
 
-    def restart(self, start: joint_models.Start) -> "_Task":
-        """Return the task with another start."""
-        return replace(self, data=replace(self.data, path=replace(self.data.path, start=start)))
-
 
 def _fit_linear(
     form: ElementForm, data: ElementData, shape: FloatArray, *, passive: bool
 ) -> tuple[FloatArray, FloatArray]:
     """Return the columns (M, m) at the samples fitted, and their coefficients (m,) within their bounds."""
     matrix, output = form.compute_columns(data.path, shape)[data.kept], data.counted
-    low, high = form.list_limits(shape, matrix.shape[1], passive=passive)
+    low, high = form.list_limits(matrix.shape[1], passive=passive)
     lengths = np.linalg.norm(matrix, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)
     held = np.sqrt(len(matrix)) * form.family.list_penalties(matrix.shape[1]) / lengths
@@ -410,8 +379,8 @@ def _search(form: ElementForm, task: _Task, starts: Sequence[FloatArray]) -> Flo
             return _compute_errors(form, task, form.move(start, moves))
 
         def slopes(moves: FloatArray) -> FloatArray:
-            here, steps = errors(moves), _DIFFERENCE * np.eye(count)
-            return np.stack([errors(moves + step) - here for step in steps], axis=1) / _DIFFERENCE
+            here, steps = errors(moves), numerics.CONVERGED * np.eye(count)
+            return np.stack([errors(moves + step) - here for step in steps], axis=1) / numerics.CONVERGED
 
         far, least = -math.log(POLICY.relevance), numerics.CONVERGED
         run = scipy.optimize.least_squares(
@@ -423,24 +392,20 @@ def _search(form: ElementForm, task: _Task, starts: Sequence[FloatArray]) -> Flo
     return min(map(search, ranked[:STARTS]), key=lambda run: run[0])[1]
 
 
-_DIFFERENCE = 1e-4
-
-
 def _try(form: ElementForm, task: _Task, shape: FloatArray) -> _ElementTrial:
     """Return a model at a shape, with derivatives of what the data decide."""
     data = task.data
     matrix, found = _fit_linear(form, data, shape, passive=task.passive)
-    low, high = form.list_limits(shape, len(found), passive=task.passive)
+    low, high = form.list_limits(len(found), passive=task.passive)
     # What moves the output by no more than a search leaves open is at its bound, zero.
-    effects = np.minimum(found - low, high - found) * np.maximum(
-        np.linalg.norm(matrix, axis=0), numerics.TINY
-    )
+    lengths = np.maximum(np.linalg.norm(matrix, axis=0), numerics.TINY)
+    effects = np.minimum(found - low, high - found) * lengths
     free = effects > numerics.CONVERGED * np.linalg.norm(data.counted)
     found = np.where(free, found, 0.0)
     jacobian, known, count = [matrix[:, free]], np.count_nonzero(free), form.count_searched(shape)
-    for step in _DIFFERENCE * np.eye(count):
+    for step in numerics.CONVERGED * np.eye(count):
         further = form.compute_columns(data.path, form.move(shape, step))[data.kept] - matrix
-        jacobian.append((further @ found / _DIFFERENCE)[:, None])
+        jacobian.append((further @ found / numerics.CONVERGED)[:, None])
 
     def rebuild(point: FloatArray) -> joint_models.Elasticity:
         values = found.copy()
@@ -448,22 +413,15 @@ def _try(form: ElementForm, task: _Task, shape: FloatArray) -> _ElementTrial:
         return form.build(form.move(shape, point[known:]), values)
 
     penalties = np.sqrt(len(matrix)) * form.family.list_penalties(matrix.shape[1])
-    optimum = _Optimum(
-        point=np.append(found[free], np.zeros(count)),
-        jacobian=np.hstack(jacobian),
-        error=data.counted - matrix @ found,
-        held=np.pad(penalties[:, free], ((0, 0), (0, count))),
-    )
-    return _ElementTrial(
-        model=form.family.name,
-        form=form.describe(),
-        optimum=optimum,
-        rebuild=rebuild,
-        losses=optimum.measure(task),
-        source=form,
-        shape=shape,
-        refit=lambda task: _try(form, task, _search(form, task, [shape])),
-    )
+    point, held = np.append(found[free], np.zeros(count)), np.pad(penalties[:, free], ((0, 0), (0, count)))
+    error = data.counted - matrix @ found
+    optimum = _Optimum(point=point, jacobian=np.hstack(jacobian), error=error, held=held)
+
+    def refit(task: _Task) -> _ElementTrial:
+        return _try(form, task, _search(form, task, [shape]))
+
+    losses, name = optimum.measure(task), form.family.name
+    return _ElementTrial(name, form.describe(), optimum, rebuild, losses, refit, form, shape)
 
 
 def _fit_form(form: ElementForm, task: _Task, starts: Sequence[FloatArray]) -> _ElementTrial:
@@ -477,7 +435,7 @@ def _fit_form(form: ElementForm, task: _Task, starts: Sequence[FloatArray]) -> _
     return chosen if chosen is trials[0] else _choose([chosen.refit(task), *trials])[0]
 
 
-def _refine_places(family: NonlinearStops, task: _Task) -> ElementForm:
+def _refine_places(family: families.NonlinearStops, task: _Task) -> ElementForm:
     """Return slip springs with the places that their force needs: of a fine grid, without useless ones."""
     path, fine = task.data.path, np.linspace(-1.0, 1.0, 2 * len(family.places) - 1)
     shape = _search(ElementForm(family=family), task, family.list_starts(path))
@@ -488,10 +446,8 @@ def _refine_places(family: NonlinearStops, task: _Task) -> ElementForm:
 
     def measure(kept: FloatArray) -> float:
         hats = np.stack([np.interp(fine, kept, unit) for unit in np.eye(len(kept))], axis=1)
-        square, right = (
-            triangle[:, :-1] @ scipy.linalg.block_diag(1.0, *[hats] * family.count),
-            triangle[:, -1],
-        )
+        square = triangle[:, :-1] @ scipy.linalg.block_diag(1.0, *[hats] * family.count)
+        right = triangle[:, -1]
         return float(np.sum((right - square @ np.linalg.lstsq(square, right, rcond=None)[0]) ** 2))
 
     kept, forms = fine, list[ElementForm]()
@@ -527,30 +483,20 @@ def _fit_spring(task: _Task, *, knees: bool) -> _ElementTrial:
     jacobian = spring_fit.compute_spring_slopes(basis, found, slips)[first:, :-1]
     names = ("stiffness", "slopes", "thresholds", "knees")
     numbers = [getattr(found, name) for name in names]
-    ends = np.cumsum([len(part) for part in numbers])[:-1]
 
     def rebuild(point: FloatArray) -> joint_models.Elasticity:
-        parts = dict(zip(names, np.split(point, ends), strict=True))
+        parts = dict(zip(names, np.split(point, np.cumsum(list(map(len, numbers)))[:-1]), strict=True))
         return spring_fit.build_elasticity(spring_fit.SpringWeights(**parts))
 
     error = output - predict_output(elasticity, path)[task.data.kept]
-    optimum = _Optimum(
-        point=np.concatenate(numbers),
-        jacobian=jacobian,
-        error=error,
-        held=np.empty((0, jacobian.shape[1])),
-    )
-    stops = ElementForm(family=Stops(count=len(found.thresholds), searched=True))
-    return _ElementTrial(
-        model=("modified-" if elasticity.knees else "") + "prandtl-ishlinskii",
-        form="passive, thresholds from the data",
-        optimum=optimum,
-        rebuild=rebuild,
-        losses=optimum.measure(task),
-        refit=lambda task: _fit_spring(task, knees=knees),
-        source=None if elasticity.knees else stops,
-        shape=found.thresholds,
-    )
+    held = np.empty((0, jacobian.shape[1]))
+    optimum = _Optimum(point=np.concatenate(numbers), jacobian=jacobian, error=error, held=held)
+    stops = ElementForm(family=families.Stops(count=len(found.thresholds), searched=True))
+    name, form = "prandtl-ishlinskii", "passive, thresholds from the data"
+    source, refit = None if elasticity.knees else stops, partial(_fit_spring, knees=knees)
+    losses = optimum.measure(task)
+    name = f"modified-{name}" if elasticity.knees else name
+    return _ElementTrial(name, form, optimum, rebuild, losses, refit, source, found.thresholds)
 
 
 def measure_return(x: FloatArray) -> float:
@@ -590,9 +536,9 @@ def _list_trials(task: _Task, model: str) -> list[_ElementTrial]:
             found += [spring] if name in {spring.model, model} else []
         if name == "prandtl-ishlinskii":
             found.append(_fit_spring(task, knees=False))
-        for family in list_families(name, task.data.path, timed=task.timed):
+        for family in families.list_families(name, task.data.path, timed=task.timed):
             form = ElementForm(family=family)
-            if isinstance(family, NonlinearStops):
+            if isinstance(family, families.NonlinearStops):
                 form = _refine_places(family, task)
             found.append(_fit_form(form, task, family.list_starts(task.data.path)))
     if task.passive:
@@ -607,14 +553,14 @@ def _list_trials(task: _Task, model: str) -> list[_ElementTrial]:
 def _extend(trial: _ElementTrial, task: _Task) -> list[_ElementTrial]:
     """Return the model behind a gap, and beside a spring that relaxes, where a start predicts better."""
     source, shape, path = trial.source, trial.shape, task.data.path
-    if source is None or shape is None:
+    if source is None:
         return []
     # Stops that a passive fit has placed stay springs.
-    springs = isinstance(source.family, Stops) and joint_models.is_passive_element(trial.elasticity)
+    springs = isinstance(source.family, families.Stops) and joint_models.is_passive_element(trial.elasticity)
     possible = {"backlash": not task.passive, "relaxation": task.timed}
     task, found = replace(task, passive=task.passive or springs), []
     for part in (name for name, allowed in possible.items() if allowed and name not in source.parts):
-        starts = [np.append(shape, value) for value in list_added(part, path)]
+        starts = [np.append(shape, value) for value in families.list_added(part, path)]
         added, others = (*source.added, part), [name for name in source.parts if name not in source.added]
         whole = replace(source, parts=(*added, *others))
         begun = min(starts, key=lambda start: float(np.sum(_compute_errors(whole, task, start) ** 2)))
@@ -624,23 +570,16 @@ def _extend(trial: _ElementTrial, task: _Task) -> list[_ElementTrial]:
 
 
 def _choose(trials: Sequence[_ElementTrial]) -> list[_ElementTrial]:
-    """Return the models, the chosen one first, then by what they predict.
-
-    It is that of fewest parameters of those that are not surely worse than the best.
-    """
+    """Return the models by what they predict, behind the plainest that is not surely worse than the best."""
     ranked = sorted(trials, key=lambda trial: trial.score)
     equal = [trial for trial in ranked if not _is_better(trial.losses, ranked[0].losses)]
-    # A part that is zero is not counted, and is not wanted either.
-    parts = [len(trial.source.parts) if trial.source else 0 for trial in equal]
-    chosen = min(zip(equal, parts, strict=True), key=lambda pair: (len(pair[0].optimum.point), pair[1]))[0]
+
+    def count(trial: _ElementTrial) -> tuple[int, int]:
+        # A part that is zero is not counted, and is not wanted either.
+        return len(trial.optimum.point), len(trial.source.parts) if trial.source else 0
+
+    chosen = min(equal, key=count)
     return [chosen, *(trial for trial in ranked if trial is not chosen)]
-
-
-def _find_models(task: _Task, model: str) -> list[_ElementTrial]:
-    """Return the models, the chosen one first, with the further parts that they turn out to need."""
-    trials = _list_trials(task, model)
-    ranked = _choose([*trials, *(further for trial in trials for further in _extend(trial, task))])
-    return _choose([*_extend(ranked[0], task), *ranked])
 
 
 def fit_hysteresis(
@@ -664,10 +603,15 @@ def fit_hysteresis(
     runs: dict[tuple[joint_models.Start, bool], tuple[_Task, list[_ElementTrial]]] = {}
     while (key := (whole.path.start, bool(whole.kept[0]))) not in runs:
         task = _Task(data=whole.thin(SAMPLES), passive=bool(options.passive), timed=t is not None)
-        ranked = _find_models(task, options.model)
+        # The models, the chosen one first, with the further parts that they turn out to need.
+        trials = _list_trials(task, options.model)
+        ranked = _choose([*trials, *(further for trial in trials for further in _extend(trial, task))])
+        ranked = _choose([*_extend(ranked[0], task), *ranked])
         runs[key] = task, ranked
         # Perhaps the model that was found explains more with another start, or is not of this one.
-        others = {start: ranked[0].refit(task.restart(start)) for start in _STARTS}
+        paths = [replace(task.data.path, start=start) for start in _STARTS]
+        tasks = [replace(task, data=replace(task.data, path=path)) for path in paths]
+        others = {start: ranked[0].refit(other) for start, other in zip(_STARTS, tasks, strict=True)}
         best = min(others, key=lambda start: others[start].score)
         if _is_better(ranked[0].losses, others[best].losses):
             whole = replace(whole, path=replace(whole.path, start=best))
@@ -679,34 +623,37 @@ def fit_hysteresis(
     spread, scale = float(np.std(whole.counted)), float(np.std(task.data.counted))
     candidates = []
     for trial in ranked:
-        squares = trial.losses[:, 0]
         held = 100.0 * math.sqrt(trial.score)
         # That of the sum of the parts.
-        error = float(np.std(squares, ddof=1)) * math.sqrt(len(squares))
-        candidates.append(
-            HysteresisCandidate(
-                model=trial.model,
-                form=trial.form,
-                count=len(trial.optimum.point),
-                passive=joint_models.is_passive_element(trial.elasticity),
-                fitted=100.0 * float(np.std(trial.optimum.error)) / scale,
-                held_out=held,
-                spread=0.5 * held * error / max(trial.score, numerics.TINY),
-            )
+        error = float(np.std(trial.losses, ddof=1)) * math.sqrt(_PARTS)
+        candidate = HysteresisCandidate(
+            model=trial.model,
+            form=trial.form,
+            count=len(trial.optimum.point),
+            passive=joint_models.is_passive_element(trial.elasticity),
+            fitted=100.0 * float(np.std(trial.optimum.error)) / scale,
+            held_out=held,
+            spread=0.5 * held * error / max(trial.score, numerics.TINY),
         )
+        candidates.append(candidate)
     elasticity = chosen.elasticity
     predicted = predict_output(elasticity, whole.path)
-    every = slice(None, None, max(1, len(predicted) // SAMPLES))
+    every, time = slice(None, None, max(1, len(predicted) // SAMPLES)), np.cumsum(whole.path.period)
+    trace = ElementTrace(
+        time=(time - time[0])[every],
+        position=whole.path.position[every],
+        measured=whole.output[every],
+        predicted=predicted[every],
+    )
     # The numbers of the element, and how they follow what the data decide.
     centre = joint_models.list_element_values(elasticity)
-    points = np.array([chosen.optimum.leave_out(task.part == number)[1] for number in range(len(squares))])
-    rates = np.zeros((len(centre), len(chosen.optimum.point)))
-    for k, number in enumerate(chosen.optimum.point):
-        step, moved = numerics.CONVERGED * (abs(float(number)) or 1.0), chosen.optimum.point.copy()
-        moved[k] += step
+    points = np.array([chosen.optimum.leave_out(task.part == number)[1] for number in range(_PARTS)])
+    point, rates = chosen.optimum.point, []
+    for k, step in enumerate(numerics.CONVERGED * np.where(point, np.abs(point), 1.0)):
+        moved = point + step * (np.arange(len(point)) == k)
         after = joint_models.list_element_values(chosen.rebuild(moved))
-        rates[:, k] = [(after.get(name, value) - value) / step for name, value in centre.items()]
-    deviations = np.linalg.norm(compute_changes(points) @ rates.T, axis=0)
+        rates.append([(after.get(name, value) - value) / step for name, value in centre.items()])
+    deviations = np.linalg.norm(compute_changes(points) @ rates, axis=0)
     return HysteresisRecord(
         model=chosen.model,
         form=chosen.form,
@@ -726,12 +673,7 @@ def fit_hysteresis(
         speed=float(np.max(np.abs(whole.path.velocity))),
         output=spread,
         timed=task.timed,
-        trace=ElementTrace(
-            time=(np.cumsum(whole.path.period) - whole.path.period[0])[every],
-            position=whole.path.position[every],
-            measured=whole.output[every],
-            predicted=predicted[every],
-        ),
+        trace=trace,
     )
 
 
@@ -811,12 +753,6 @@ def predict_output(elasticity: joint_models.Elasticity, path: ElementPath) -> Fl
     return run.output
 
 
-def _falls(before: FloatArray, after: FloatArray) -> bool:
-    """Return whether losses held out (parts, 1) fall clearly."""
-    found = compare(before, after)
-    return found.p_of_all < POLICY.alarm and found.fall_of_all > POLICY.fall_of_all
-
-
 def choose_spring(
     path: ElementPath, output: FloatArray, kept: NDArray[np.bool_], known: joint_models.Elasticity
 ) -> tuple[joint_models.Elasticity, str, float, float]:
@@ -838,34 +774,30 @@ def choose_spring(
     whole = ElementData(path=path, output=output, kept=kept)
     data = whole.thin(SAMPLES)
     task = _Task(data=data, passive=True, timed=True)
-    families: tuple[ElementFamily, ...] = (
-        Stops(count=0, name="linear"),
-        BoucWenFamily(),
-        BoucWenFamily(asymmetric=True),
-        Stops(count=GRID, name="stops"),
+    tried: tuple[families.ElementFamily, ...] = (
+        families.Stops(count=0, name="linear"),
+        families.BoucWenFamily(),
+        families.BoucWenFamily(asymmetric=True),
+        families.Stops(count=GRID, name="stops"),
     )
-    trials = [
-        _fit_form(ElementForm(family=family), task, family.list_starts(data.path)) for family in families
-    ]
+    trials = [_fit_form(ElementForm(family=family), task, family.list_starts(data.path)) for family in tried]
     # Along all samples: a thin path misses small reversals.
     predicted = replace(whole, output=predict_output(known, path)).thin(SAMPLES).counted
     # It was fitted to another torque, of nearly the same scale and zero.
-    optimum = _Optimum(
-        point=np.zeros(2),
-        jacobian=np.column_stack([predicted, np.ones_like(predicted)]),
-        error=data.counted - predicted,
-        held=np.empty((0, 2)),
-    )
-    own, linear = optimum.measure(task), trials[0]
-    best = _choose(trials)[0]
+    columns, held = np.column_stack([predicted, np.ones_like(predicted)]), np.empty((0, 2))
+    optimum = _Optimum(point=np.zeros(2), jacobian=columns, error=data.counted - predicted, held=held)
+    own, linear, best = optimum.measure(task), trials[0], _choose(trials)[0]
+
+    def falls(before: FloatArray, after: FloatArray) -> bool:
+        found = compare(before, after)
+        return found.p_of_all < POLICY.alarm and found.fall_of_all > POLICY.fall_of_all
+
     # Nothing but a clear fall is a reason to leave the known spring, or to call a spring anything but linear.
-    taken = best if _falls(own, best.losses) else None
-    if not _falls(linear.losses, own if taken is None else taken.losses):
-        taken = linear
-    left = 100.0 * math.sqrt(float(own.sum()))
-    if taken is None:
+    leaves, left = falls(own, best.losses), 100.0 * math.sqrt(float(own.sum()))
+    if not falls(linear.losses, best.losses if leaves else own):
+        best = linear
+    elif not leaves:
         return replace(known, offset=0.0), "", left, left
-    best = taken
     name = ", ".join((best.model, *(word for word in ("viscous", "cubic") if word in best.form)))
     # Encoders are brought into line by what gravity does, which leaves some of their offset.
     return replace(best.elasticity, offset=0.0), name, 100.0 * math.sqrt(best.score), left

@@ -1,15 +1,12 @@
 """The spring that explains a filtered joint torque: weights, then places of stops and knees, then fewer.
 
-    v = sum_i k_i E_i[phi] (E_0 = phi),  tau_J = sum_j c_j ramp_j(v)
-    min |F[tau_J] - target|,  k >= 0, c >= c0
+    v = sum_i k_i E_i[phi] (E_0 = phi), tau_J = sum_j c_j ramp_j(v);  min |F[tau_J] - target|, k >= 0, c >= c0
     d tau_J / d r_i = -S'(v) k_i D_i,  D_i = d P_i / d r_i = -1, +1 since the play touched phi - r, phi + r
     d tau_J / d R_j = (c_j-1 - c_j) where v is beyond R_j
 
 ramp_j is the part of v between two knees and c_j the slope there; the outer function has slope one at zero,
-which fixes the scale of the weights. Non-negative least squares and Gauss-Newton on a grid,
-then projected Levenberg-Marquardt with places, then fewer of them while that costs less than matters.
-
-Supported: several recordings; a plain Prandtl-Ishlinskii spring (no knees), which is a convex problem.
+which fixes the scale of the weights. Non-negative least squares and Gauss-Newton on a grid, then projected
+Levenberg-Marquardt with places, then fewer of them while that costs less than matters.
 Not supported: cubic springs, damping, an offset of the torsion; adding stops or knees to those of the start.
 """
 
@@ -65,13 +62,13 @@ class SpringWeights:
         """
         parts = [self.stiffness, self.slopes, self.thresholds, self.knees]
         ends = np.cumsum([len(part) for part in parts])
-        stiffness, slopes, *places = np.split(step, ends[: 1 if len(step) == ends[1] else 3])
-        places = [own + by for own, by in zip(parts[2:], places, strict=True)] if places else parts[2:]
+        whole = np.concatenate(parts)
+        whole[: len(step)] += step
+        stiffness, slopes, thresholds, knees = np.split(whole, ends[:-1])
+        # Places that stay are the same arrays, whose basis is at hand.
+        places = (thresholds, knees) if len(step) == ends[-1] else (self.thresholds, self.knees)
         return SpringWeights(
-            thresholds=places[0],
-            stiffness=np.maximum(self.stiffness + stiffness, 0.0),
-            knees=places[1],
-            slopes=self.slopes + slopes,
+            thresholds=places[0], stiffness=np.maximum(stiffness, 0.0), knees=places[1], slopes=slopes
         )
 
     def keep_knees(self, kept: NDArray[np.bool_]) -> "SpringWeights":
@@ -96,8 +93,7 @@ def compute_outer(basis: FloatArray, weights: SpringWeights) -> FloatArray:
 def hold_knees(knees: FloatArray, lowest: float, highest: float) -> FloatArray:
     """Return knee torques (l,) as those of `SpringWeights`, none so near to zero that it does not matter.
 
-    It would undo the slope of one there, which fixes the scale of the weights: stops and slopes could then be
-    scaled against each other at will. `lowest` is the largest -v, `highest` the largest v, N m or N.
+    The slope of one there fixes the scale of the weights. `lowest` is the largest -v, `highest` that of v.
     """
     rank, largest = np.arange(len(knees)), np.where(knees < 0.0, lowest, highest)
     rank = np.where(knees < 0.0, rank, rank - np.count_nonzero(knees < 0.0))
@@ -111,10 +107,7 @@ def build_knee_grid(inner: Sequence[FloatArray], count: int, *, odd: bool = Fals
     None lies nearer to zero than `hold_knees` allows; `inner` is v (N,) of every recording, N m or N. Odd
     grids reach as far on both sides.
     """
-    low, high = (
-        max(0.0, *(-float(part.min()) for part in inner)),
-        max(0.0, *(float(part.max()) for part in inner)),
-    )
+    low, high = max(0.0, *(-float(v.min()) for v in inner)), max(0.0, *(float(v.max()) for v in inner))
     if odd:
         low = high = max(low, high)
     steps = (np.arange(count) + 0.5) / max(count, 1)
@@ -136,11 +129,8 @@ def read_weights(spring: Elasticity) -> SpringWeights:
 
 def build_stops(thresholds: FloatArray, stiffness: FloatArray, least: float) -> tuple[Stop, ...]:
     """Return the stops at (m,) rad or m whose stiffness (m,), N m/rad or N/m, is of a size above `least`."""
-    return tuple(
-        Stop(threshold=float(radius), stiffness=float(value))
-        for radius, value in zip(thresholds, stiffness, strict=True)
-        if abs(value) > least
-    )
+    pairs = zip(thresholds.tolist(), stiffness.tolist(), strict=True)
+    return tuple(Stop(threshold=radius, stiffness=value) for radius, value in pairs if abs(value) > least)
 
 
 def build_elasticity(weights: SpringWeights) -> Elasticity:
@@ -235,16 +225,10 @@ def filter_parts(data: SpringData, parts: Sequence[FloatArray]) -> FloatArray:
     return np.concatenate(rows)
 
 
-_HALVINGS = 6
-"""Of a step that makes the cost rise, at most."""
-
-
-def fit_spring(
-    data: SpringData, target: FloatArray, start: SpringWeights, tolerance: float = numerics.CONVERGED
-) -> SpringWeights:
+def fit_spring(data: SpringData, target: FloatArray, start: SpringWeights) -> SpringWeights:
     """Return stiffnesses and slopes by a projected Gauss-Newton method from `start`; places stay.
 
-    A step is halved while the cost rises; the last one makes it fall by less than `tolerance`, relative.
+    A step is halved while the cost rises.
     """
     if not len(start.knees) and start.thresholds is data.thresholds:
         return data.fit_stops(target)
@@ -256,7 +240,7 @@ def fit_spring(
         jacobian, packed = filtered[:, :-1], np.append(best.stiffness, best.slopes)
         right = target - filtered[:, -1] + jacobian @ (packed - floor)
         goal = floor + solve_non_negative(jacobian, right)
-        for halving in range(_HALVINGS):
+        for halving in range(numerics.ROUNDS):
             trial = best.move((goal - packed) / 2.0**halving)
             if (reached := data.compute_cost(target, trial)) <= cost:
                 break
@@ -264,7 +248,7 @@ def fit_spring(
             return best
         fall = (cost - reached) / max(cost, numerics.TINY)
         best, cost = trial, reached
-        if fall < tolerance:
+        if fall < numerics.CONVERGED:
             break
     return best
 
@@ -275,10 +259,6 @@ def solve_non_negative(matrix: FloatArray, right: FloatArray) -> FloatArray:
     longest = max(float(lengths.max(initial=0.0)), numerics.TINY)
     scales = np.where(lengths > numerics.EXACT * longest, lengths, np.inf)
     return np.asarray(scipy.optimize.nnls(triangle[:, :-1] / scales, triangle[:, -1])[0] / scales)
-
-
-_FALL = 1e-3
-"""Relative, of squares in a step: while springs are compared, less is no reason to go on."""
 
 
 def _evaluate_spring(
@@ -299,17 +279,25 @@ def measure_reach(bases: Sequence[FloatArray], weights: SpringWeights) -> tuple[
     return torsion, max(-float(v.min()) for v in inner), max(float(v.max()) for v in inner)
 
 
+def _compute_jacobian(data: SpringData, bases: Sequence[FloatArray], weights: SpringWeights) -> FloatArray:
+    """Return F of `compute_spring_slopes` by all numbers at the rows, of full stop bases."""
+    parts = []
+    for whole, keep in zip(bases, data.keeps, strict=True):
+        slips = thin_samples(compute_slips(whole, weights.thresholds), keep)
+        parts.append(compute_spring_slopes(thin_samples(whole, keep), weights, slips))
+    return filter_parts(data, parts)
+
+
 def optimise_spring(
-    data: SpringData, target: FloatArray, start: SpringWeights, tolerance: float = _FALL
+    data: SpringData, target: FloatArray, start: SpringWeights, tolerance: float = EXACT
 ) -> tuple[SpringWeights, float]:
-    """Return the best spring from `start` with as many stops and knees, and its cost."""
+    """Return the best spring from `start` with as many stops and knees, and its cost.
+
+    While springs are compared, steps that lower the squares by less than `EXACT` are no reason to go on.
+    """
     (best, bases, cost), damping = _evaluate_spring(data, target, start), 1e-4
     for _ in range(numerics.ROUNDS):
-        parts = []
-        for whole, keep in zip(bases, data.keeps, strict=True):
-            slips = thin_samples(compute_slips(whole, best.thresholds), keep)
-            parts.append(compute_spring_slopes(thin_samples(whole, keep), best, slips))
-        filtered = filter_parts(data, parts)
+        filtered = _compute_jacobian(data, bases, best)
         jacobian, value = filtered[:, :-1], filtered[:, -1]
         down, up = compute_place_limits(bases, best)
         low = np.concatenate([-best.stiffness, POLICY.relevance - best.slopes, down])
@@ -420,11 +408,9 @@ def refine_spring(data: SpringData, target: FloatArray, start: SpringWeights) ->
     return best if data.compute_cost(target, best) <= allowed else start
 
 
-def follow_spring(
-    data: SpringData, target: FloatArray, start: SpringWeights, *, tolerance: float = numerics.CONVERGED
-) -> SpringWeights:
+def follow_spring(data: SpringData, target: FloatArray, start: SpringWeights) -> SpringWeights:
     """Return the best spring near `start`, with as many stops and knees, places included."""
-    return optimise_spring(data, target, start, tolerance)[0]
+    return optimise_spring(data, target, start, numerics.CONVERGED)[0]
 
 
 def _thin_data(data: SpringData, target: FloatArray) -> tuple[SpringData, FloatArray]:
@@ -451,11 +437,7 @@ def _list_simpler(data: SpringData, target: FloatArray, weights: SpringWeights) 
     in Neural Information Processing Systems 5, 1992, 164-171, "optimal brain surgeon").
     """
     bases = [compute_stop_basis(phi, weights.thresholds) for phi in data.torsions]
-    parts = []
-    for whole, keep in zip(bases, data.keeps, strict=True):
-        slips = thin_samples(compute_slips(whole, weights.thresholds), keep)
-        parts.append(compute_spring_slopes(thin_samples(whole, keep), weights, slips)[:, :-1])
-    jacobian = filter_parts(data, parts)
+    jacobian = _compute_jacobian(data, bases, weights)[:, :-1]
     lengths = np.linalg.norm(jacobian, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)
     triangle = compute_triangle(jacobian / lengths)
@@ -464,13 +446,14 @@ def _list_simpler(data: SpringData, target: FloatArray, weights: SpringWeights) 
     point = np.concatenate([weights.stiffness, weights.slopes])
     units, stops, knees = np.eye(len(inverse)), len(weights.thresholds), len(weights.knees)
 
-    def cost(*rows: FloatArray, level: float = 0.0) -> float:
+    def cost(*rows: FloatArray, level: float) -> float:
         held = np.array(rows)
         moved = held[:, : len(point)] @ point - level
         return float(moved @ np.linalg.pinv(held @ inverse @ held.T, hermitian=True) @ moved)
 
     options: list[tuple[float, Callable[[], SpringWeights]]] = [
-        (cost(units[1 + place]), partial(_leave_stop, data, target, weights, place)) for place in range(stops)
+        (cost(units[1 + place], level=0.0), partial(_leave_stop, data, target, weights, place))
+        for place in range(stops)
     ]
     slopes, above = units[stops + 1 : stops + 1 + knees], weights.below
     for place in range(knees):

@@ -3,26 +3,20 @@
 Library with plain friction, recordings, laws -> a law with its shape values for every joint, and all trials.
 
     tau_j = X_j x + sum_k c_k Phi_k(dq_j, load_j, ..; s) + noise,    x: base parameters, coupled drives
-
-The columns of all laws at all nodes of their shape values stand side by side in one table a joint
-(`friction_tables`), as sums of products, stretch by stretch. Whatever is shared with other joints is
-eliminated (variable projection, Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432), so that a law
-at a node is a problem of a few unknowns:
-
     M = sum_(i != j) w_i S_i + w_j G_j,    K = M_DD - M_Dx M_xx^-1 M_xD,    c = K_cc^-1 K_cy
 
-G are sums of products of a joint, S the same without its own friction. Joints take turns until no law
-changes; then laws are made linear about their best nodes (Gauss and Newton), until shape values stay.
-
-Each stretch is left out in turn and scored in parts. Of the laws that are identifiable, the plainest is taken
-that the best one does not surely predict better than (`judge.compare`; Holm over all of them).
+The columns of all laws at all nodes of their shape values stand side by side in one table a joint
+(`friction_tables`), as sums of products G, S without the joint's own friction. What is shared with other
+joints is eliminated (variable projection, Golub and Pereyra 1973), so that a law at a node is a problem of a
+few unknowns. Joints take turns until no law changes; then laws are made linear about their best nodes (Gauss
+and Newton), until shape values stay. Of the identifiable laws the plainest is taken that the best one does
+not surely predict better than on stretches left out (`judge.compare`; Holm over all of them).
 
 Where the load of a joint was measured behind its gear, its law is chosen from the torque of the motor less
 the load: X_j x are then torques of rotors, and what the model of the links lacks is in neither.
 
-Supported: every static law; loads measured behind the gears or computed from the estimate, iterated with it;
-several recordings; joints that keep a law. Not supported: laws with a state; friction of drives that turn
-several joints, which stays as the robot file has it.
+Supported: every static law; loads measured or computed from the estimate, iterated with it; joints that keep
+a law. Not supported: laws with a state; friction of drives that turn several joints, which stays.
 """
 
 import itertools
@@ -40,19 +34,8 @@ from symid.errors import IdentifiabilityError, Notice
 from symid.identification.estimators import LawSelection, LawTrial
 from symid.identification.judge import POLICY, adjust_chances, compare, numerics
 from symid.identification.regression import Rotor, scale_products, warn_of_load_gain
-from symid.identification.rigid.friction_tables import (
-    JointTable,
-    Motion,
-    Node,
-    TangentLaw,
-    Wanted,
-    gather_inputs,
-    list_shape_nodes,
-    load_joints,
-    measure_gain,
-    prepare_motion,
-    tabulate_laws,
-)
+from symid.identification.rigid import friction_tables
+from symid.identification.rigid.friction_tables import JointTable, Node, TangentLaw, Wanted
 from symid.joint_models import NO_FRICTION, FrictionLaw, FrictionValues, compute_columns, get_law
 from symid.logs import Recording
 from symid.robot import Processing
@@ -62,10 +45,11 @@ PLAIN = "coulomb-viscous-offset"
 
 
 class _Reduced(NamedTuple):
-    """A joint without its own friction: S of training sets, Q of parts that leave [-x 1] Q [-x 1]'."""
+    """A joint without its own friction: S of training sets, Q of parts that leave [-x 1] Q [-x 1]', rows."""
 
     schur: FloatArray
     left: FloatArray
+    rows: int
 
 
 def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
@@ -74,25 +58,25 @@ def _solve(matrix: FloatArray, right: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.solve(scaled, right * scales[..., None]) * scales[..., None])
 
 
-def _list_training(table: JointTable, places: Sequence[int], weight: float) -> FloatArray:
+def _list_training(table: JointTable, places: Sequence[int]) -> FloatArray:
     """Return the sums (f + 1, k, k) over all stretches but one, and last over all."""
-    grams = weight * table.grams[:, places][:, :, places]
+    grams = table.grams[:, places][:, :, places]
     whole = grams.sum(axis=0)
     folds = [whole - grams[table.fold == fold].sum(axis=0) for fold in range(int(table.fold.max()) + 1)]
     return np.stack([*folds, whole])
 
 
-def _reduce(table: JointTable, places: Sequence[int], weight: float) -> _Reduced:
-    """Return a joint without the friction of these columns of its table."""
-    p, c = table.shared, len(places)
-    order = [*(p + k for k in places), *range(p), table.grams.shape[1] - 1]
-    sets = _list_training(table, order, weight)
+def _reduce(table: JointTable, node: Node) -> _Reduced:
+    """Return a joint without the friction of a law of its table."""
+    p, c = table.shared, len(node.places)
+    order = [*(p + k for k in node.places), *range(p), table.grams.shape[1] - 1]
+    sets = _list_training(table, order)
     gains = _solve(sets[:, :c, :c], sets[:, :c, c:]) if c else np.zeros((len(sets), 0, p + 1))
     schur = sets[:, c:, c:] - sets[:, c:, :c] @ gains
-    held = weight * table.grams[:, order][:, :, order]
+    held = table.grams[:, order][:, :, order]
     # [f; x'] of a part with f = g_y - g_x x: columns of [-x 1].
     lift = np.concatenate([-gains[table.fold], np.tile(np.eye(p + 1), (len(held), 1, 1))], axis=1)
-    return _Reduced(schur=schur, left=np.swapaxes(lift, 1, 2) @ held @ lift)
+    return _Reduced(schur, np.swapaxes(lift, 1, 2) @ held @ lift, max(int(table.rows.sum()), 1))
 
 
 class Trial(NamedTuple):
@@ -116,16 +100,16 @@ class Trial(NamedTuple):
         return len(self.law.linear) + len(self.law.shape)
 
 
-def _try_laws(table: JointTable, others: _Reduced, weight: float) -> list[Trial]:
-    """Return a trial of every law of a table; `others` is the sum over the other joints."""
+def _try_laws(table: JointTable, schur: FloatArray, left: FloatArray) -> list[Trial]:
+    """Return a trial of every law of a table; S and Q are sums over the other joints, in its weight."""
     p, size = table.shared, table.grams.shape[1]
-    sets = _list_training(table, range(size), weight)
+    sets = _list_training(table, range(size))
     outer = sets[:, :p, :].copy()
-    outer[:, :, :p] += others.schur[:, :p, :p]
-    outer[:, :, -1] += others.schur[:, :p, -1]
+    outer[:, :, :p] += schur[:, :p, :p]
+    outer[:, :, -1] += schur[:, :p, -1]
     gains = _solve(outer[:, :, :p], outer[:, :, p:])
     inner = sets[:, p:, p:] - np.swapaxes(outer[:, :, p:], 1, 2) @ gains
-    inner[:, -1, -1] += others.schur[:, -1, -1]
+    inner[:, -1, -1] += schur[:, -1, -1]
     # What the rigid columns are like differs from them by their filter alone.
     before, after = (np.maximum(np.diagonal(part[-1])[:-1], 0.0) for part in (sets[:, p:, p:], inner))
     alike = after <= numerics.CONVERGED * before
@@ -159,17 +143,10 @@ def _try_laws(table: JointTable, others: _Reduced, weight: float) -> list[Trial]
             poor = sizes < numerics.RANK * sizes[-1]
             lost = np.any(np.abs(vectors[:, poor]) > 1e-3, axis=1)
             order = [*np.flatnonzero(weak), *np.flatnonzero(lost & ~weak)]
-        found.append(
-            Trial(
-                law=node.law,
-                node=node,
-                linear=linear[-1, k],
-                losses=own + np.einsum("bk,bkl,bl->b", rest, others.left, rest) / weight,
-                own=own,
-                fitted=float(factors[-1] @ table.grams.sum(axis=0) @ factors[-1]),
-                weak=tuple(node.law.linear[place].name for place in order),
-            )
-        )
+        losses = own + np.einsum("bk,bkl,bl->b", rest, left, rest)
+        fitted = float(factors[-1] @ table.grams.sum(axis=0) @ factors[-1])
+        names = tuple(node.law.linear[place].name for place in order)
+        found.append(Trial(node.law, node, linear[-1, k], losses, own, fitted, names))
     return found
 
 
@@ -221,11 +198,11 @@ def choose_trial(trials: Sequence[Trial]) -> Choice:
 
 
 class Search(NamedTuple):
-    """Laws of all joints: table, node and weight of each, its trials, and the choice among them."""
+    """Laws of all joints: table, node and trials of each, and the choice; x (p,) of the fit with them."""
 
     tables: Sequence[JointTable]
     nodes: Sequence[Node]
-    weights: FloatArray
+    shared: FloatArray
     trials: Sequence[Sequence[Trial]]
     choices: Sequence[Choice]
 
@@ -235,50 +212,39 @@ class Search(NamedTuple):
         return [trials[choice.taken] for trials, choice in zip(self.trials, self.choices, strict=True)]
 
 
-def _weigh(tables: Sequence[JointTable], nodes: Sequence[Node], weights: FloatArray) -> FloatArray:
-    """Return weights (n,) from the mean squares that a fit with these laws leaves of every joint."""
-    u, found = np.append(-_solve_shared(tables, nodes, weights), 1.0), []
-    for table, node in zip(tables, nodes, strict=True):
-        left = float(u @ _reduce(table, node.places, 1.0).schur[-1] @ u)
-        found.append(left / max(int(table.rows.sum()), 1))
-    return 1.0 / np.maximum(found, numerics.TINY)
+def _solve_shared(reduced: Sequence[_Reduced], weights: FloatArray) -> FloatArray:
+    """Return x (p,) of the fit to all rows."""
+    whole = np.tensordot(weights, [one.schur[-1] for one in reduced], 1)
+    return _solve(whole[:-1, :-1], whole[:-1, -1:])[:, 0]
+
+
+def _weigh(reduced: Sequence[_Reduced], weights: FloatArray) -> FloatArray:
+    """Return weights (n,) from the mean squares that a fit leaves of every joint."""
+    u = np.append(-_solve_shared(reduced, weights), 1.0)
+    return 1.0 / np.maximum([u @ one.schur[-1] @ u / one.rows for one in reduced], numerics.TINY)
 
 
 def _settle_laws(tables: Sequence[JointTable], start: Sequence[Node]) -> Search:
     """Return the laws after the joints took turns until none changed."""
-    nodes, count = list(start), len(tables)
+    nodes, count, reduced = list(start), len(tables), list(map(_reduce, tables, start))
     weights = np.ones(count)
     for _ in range(3):
-        weights = _weigh(tables, nodes, weights)
+        weights = _weigh(reduced, weights)
     trials: list[Sequence[Trial]] = [()] * count
     choices = [Choice(0, 0, np.zeros(0))] * count
     for _ in range(numerics.ROUNDS):
         before = [node.law.name for node in nodes]
         for joint, table in enumerate(tables):
-            reduced = _reduce_all(tables, nodes, weights)
-            others = _Reduced(np.zeros_like(reduced[joint].schur), np.zeros_like(reduced[joint].left))
-            if count > 1:
-                rest = [entry for k, entry in enumerate(reduced) if k != joint]
-                others = _Reduced(*(np.sum(parts, axis=0) for parts in zip(*rest, strict=True)))
-            trials[joint] = _try_laws(table, others, float(weights[joint]))
+            shares = np.where(np.arange(count) == joint, 0.0, weights / weights[joint])
+            schur, left, _ = (np.tensordot(shares, parts, 1) for parts in zip(*reduced, strict=True))
+            trials[joint] = _try_laws(table, schur, left)
             choices[joint] = choose_trial(trials[joint])
             nodes[joint] = trials[joint][choices[joint].taken].node
-            weights = _weigh(tables, nodes, weights)
+            reduced[joint] = _reduce(table, nodes[joint])
+            weights = _weigh(reduced, weights)
         if before == [node.law.name for node in nodes]:
             break
-    return Search(tables, nodes, weights, trials, choices)
-
-
-def _reduce_all(tables: Sequence[JointTable], nodes: Sequence[Node], weights: FloatArray) -> list[_Reduced]:
-    triples = zip(tables, nodes, weights.tolist(), strict=True)
-    return [_reduce(table, node.places, weight) for table, node, weight in triples]
-
-
-def _solve_shared(tables: Sequence[JointTable], nodes: Sequence[Node], weights: FloatArray) -> FloatArray:
-    """Return x (p,) of the fit to all rows with these laws."""
-    whole = sum(entry.schur[-1] for entry in _reduce_all(tables, nodes, weights))
-    p = len(whole) - 1
-    return _solve(whole[:p, :p], whole[:p, p:])[:, 0]
+    return Search(tables, nodes, _solve_shared(reduced, weights), trials, choices)
 
 
 def search_laws(
@@ -302,14 +268,12 @@ def search_laws(
             for table, law in zip(tables, laws, strict=True)
         ]
         found = _settle_laws(tables, begun)
-        shared = _solve_shared(tables, found.nodes, found.weights)
+        shared = found.shared
         before, laws = laws, [node.law.name for node in found.nodes]
         if step and laws == before and all(map(_stays, found.taken, speeds)):
             break
-        wanted = [
-            [_approach(trial, own) for trial in trials]
-            for trials, own in zip(found.trials, speeds, strict=True)
-        ]
+        pairs = zip(found.trials, speeds, strict=True)
+        wanted = [[_approach(trial, own) for trial in trials] for trials, own in pairs]
     return found
 
 
@@ -325,10 +289,9 @@ def _approach(trial: Trial, speeds: FloatArray) -> tuple[FrictionLaw, tuple[floa
 def _stays(trial: Trial, speeds: FloatArray) -> bool:
     """Return whether shape values moved by less than matters, or do not move."""
     law, _ = _approach(trial, speeds)
-    if not isinstance(law, TangentLaw):
-        return True
-    known = trial.law.about if isinstance(trial.law, TangentLaw) else None
-    return known is not None and np.allclose(law.about, known, rtol=POLICY.relevance, atol=0.0)
+    known = law.about if isinstance(law, TangentLaw) else ()
+    before = trial.law.about if isinstance(trial.law, TangentLaw) else (np.inf,) * len(known)
+    return np.allclose(known, before, rtol=POLICY.relevance, atol=0.0)
 
 
 _LAWS = (
@@ -336,20 +299,16 @@ _LAWS = (
     *("load-dependent", "load-dependent-stribeck", "stribeck+cubic", "stribeck-exponent", "makkar"),
     *("position-dependent", "position-torque", "temperature", "temperature-viscous"),
 )
-_WITH_OFFSET = ("improved-stribeck", "asymmetric-stribeck")
 CANDIDATES = (
     *(name for law in _LAWS for name in (law, get_law(f"{law}+offset").name) if name != "asymmetric+offset"),
-    *_WITH_OFFSET,
+    *("improved-stribeck", "asymmetric-stribeck"),
 )
 """Laws among which `auto` chooses; waves of the motor's angle are added where a gear is known."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointLaw:
-    """The friction of a joint with its values, and how its law was chosen.
-
-    `selection` is None for a joint that hardly moves, or that keeps its law.
-    """
+    """The friction of a joint, and how its law was chosen: None where it hardly moves, or keeps its law."""
 
     joint: str
     friction: FrictionValues
@@ -368,7 +327,7 @@ class FrictionChoice:
 
     joints: tuple[JointLaw, ...]
     beta: FloatArray
-    motion: Motion
+    motion: friction_tables.Motion
     notices: tuple[Notice, ...] = ()
 
 
@@ -399,16 +358,17 @@ def choose_laws(
     Raises:
         IdentifiabilityError: a law that was named, or is kept, reads what the recordings do not have.
     """
-    motion = prepare_motion(library, recordings, processing, rotors=rotors)
+    motion = friction_tables.prepare_motion(library, recordings, processing, rotors=rotors)
     count = library.card.size
     wishes = wishes or (CANDIDATES,) * count
-    plain: list[Wanted] = [[(get_law(PLAIN), ())]] * count
-    tables = tabulate_laws(motion, plain)
+    tables = friction_tables.tabulate_laws(motion, [[(get_law(PLAIN), ())]] * count)
     # With fewer windows than parts to be scored, no law can be chosen.
     moving = [int(table.rows.sum()) >= POLICY.folds * POLICY.parts for table in tables]
-    nodes = [table.nodes[0] for table in tables]
-    motion = load_joints(motion, _solve_shared(tables, nodes, _weigh(tables, nodes, np.ones(count))))
-    inputs = set.intersection(*(set(gather_inputs(one, slice(0, 1), 0)) for one in motion.signals))
+    reduced = [_reduce(table, table.nodes[0]) for table in tables]
+    motion = friction_tables.load_joints(motion, _solve_shared(reduced, _weigh(reduced, np.ones(count))))
+    inputs = set.intersection(
+        *(set(friction_tables.gather_inputs(one, slice(0, 1), 0)) for one in motion.signals)
+    )
     lacking = []
     for card, wish in zip(library.card.joints, wishes, strict=True):
         name, *more = (wish.law,) if isinstance(wish, FrictionValues) else wish
@@ -421,16 +381,14 @@ def choose_laws(
             lacking.append(Notice(code="identify.friction-input", text=text))
     if lacking:
         raise IdentifiabilityError(*lacking)
-    kept = [isinstance(wish, FrictionValues) for wish in wishes]
-    speeds = [
-        motion.speeds(joint) if moving[joint] and not kept[joint] else np.zeros(0) for joint in range(count)
-    ]
+    free = [own and not isinstance(wish, FrictionValues) for own, wish in zip(moving, wishes, strict=True)]
+    speeds = [motion.speeds(joint) if own else np.zeros(0) for joint, own in enumerate(free)]
     calls = zip(wishes, gears, speeds, strict=True)
     wanted = [_list_wanted(wish, gear, inputs, own) for wish, gear, own in calls]
 
     def tabulate(wanted: Sequence[Wanted], shared: FloatArray | None) -> list[JointTable]:
-        loaded = motion if shared is None else load_joints(motion, shared)
-        return tabulate_laws(loaded, wanted)
+        loaded = motion if shared is None else friction_tables.load_joints(motion, shared)
+        return friction_tables.tabulate_laws(loaded, wanted)
 
     search = search_laws(tabulate, wanted, speeds)
     found = []
@@ -443,21 +401,14 @@ def choose_laws(
         elif isinstance(law, TangentLaw):
             friction = replace(friction, values=law.values, shape=law.about)
         selection: LawSelection | None = None
-        if moving[joint] and not kept[joint]:
+        if free[joint]:
             what = "the motor's torque less the load" if motion.measured[joint] else "the torque"
-            choice, what = search.choices[joint], f"{what} in motion"
-            selection = describe_choice(
-                search.tables[joint], search.trials[joint], choice, what, card.torque_unit
-            )
+            tried = search.tables[joint], search.trials[joint], search.choices[joint]
+            selection = describe_choice(*tried, f"{what} in motion", card.torque_unit)
         found.append(JointLaw(joint=card.name, friction=friction, selection=selection))
-    shared = _solve_shared(search.tables, search.nodes, search.weights)
-    motion = load_joints(motion, shared)
-    return FrictionChoice(
-        joints=tuple(found),
-        beta=shared[: len(library.card.beta)],
-        motion=motion,
-        notices=_judge_loads(motion, found, search.nodes),
-    )
+    motion = friction_tables.load_joints(motion, search.shared)
+    notices, beta = _judge_loads(motion, found, search.nodes), search.shared[: len(library.card.beta)]
+    return FrictionChoice(joints=tuple(found), beta=beta, motion=motion, notices=notices)
 
 
 def _list_wanted(wish: Wish, gear: float, inputs: AbstractSet[str], speeds: FloatArray) -> Wanted:
@@ -475,23 +426,23 @@ def _list_wanted(wish: Wish, gear: float, inputs: AbstractSet[str], speeds: Floa
         kinds = (f"position-{kind}-1,2x{abs(gear):.12g}" for kind in ("dependent", "torque"))
         names += [f"{name}{end}" for name in kinds for end in ("", "+offset")]
     laws = [law for law in map(get_law, names) if set(law.inputs) <= inputs]
-    return [(law, shape) for law in laws for shape in list_shape_nodes(law, speeds)]
+    return [(law, shape) for law in laws for shape in friction_tables.list_shape_nodes(law, speeds)]
 
 
-def _judge_loads(motion: Motion, laws: Sequence[JointLaw], nodes: Sequence[Node]) -> tuple[Notice, ...]:
+def _judge_loads(
+    motion: friction_tables.Motion, laws: Sequence[JointLaw], nodes: Sequence[Node]
+) -> tuple[Notice, ...]:
     """Return what was done with measured loads, and warnings where these have another gain."""
     judged = [k for k, law in enumerate(laws) if law.selection is not None and motion.measured[k]]
-    if not judged:
-        return ()
     names = ", ".join(repr(laws[k].joint) for k in judged)
     text = (
         f"joint{'s'[: len(judged) > 1]} {names}: friction laws were chosen from the torque of the motor less "
         "the measured load, the inertia of rotors fitted along, so that what the model of the links lacks "
         "has no part in them; their values are then fitted with the whole robot"
     )
-    found = [Notice(code="identify.measured-load", text=text)]
+    found = [Notice(code="identify.measured-load", text=text)] if judged else []
     for k in judged:
-        warnings = warn_of_load_gain(measure_gain(motion, k, nodes[k].law, nodes[k].shape))
+        warnings = warn_of_load_gain(friction_tables.measure_gain(motion, k, nodes[k].law, nodes[k].shape))
         found += [replace(one, text=f"joint {laws[k].joint!r}: {one.text}") for one in warnings]
     return tuple(found)
 
@@ -503,7 +454,7 @@ def compare_friction(choice: FrictionChoice, fitted: Mapping[str, FrictionValues
         friction = fitted[law.joint]
         if law.selection is None or not choice.motion.measured[k] or friction.values is None:
             continue
-        inputs = [gather_inputs(signals, slice(None), k) for signals in choice.motion.signals]
+        inputs = [friction_tables.gather_inputs(signals, slice(None), k) for signals in choice.motion.signals]
         own, whole = (
             np.concatenate([compute_columns(get_law(one.law), part, one.shape) for part in inputs])
             @ np.array(one.values)
@@ -544,16 +495,15 @@ def describe_choice(
         for trial, distance in zip(trials, behind, strict=True)
     ]
     own, best = listed[choice.taken], listed[choice.best]
-    text = f"{own.law} leaves {own.held_percent:.3g} % of {what} that was held out"
-    text += f" ({own.held_rms:.3g} {unit} RMS)"
+    size = f"{own.held_percent:.3g} % of {what} that was held out ({own.held_rms:.3g} {unit} RMS)"
+    text = f"{own.law} leaves {size}"
     if own.reason:
         text = f"No law is identifiable from these logs; {own.law}, the simplest, is given in part"
     elif any(entry.reason and (entry.held_rms or 0.0) < (own.held_rms or 0.0) for entry in listed):
         text = f"Of the identifiable laws, {text}"
     if own.unknowns < best.unknowns:
-        text += (
-            f"; {best.law}, with {best.unknowns} values instead of {own.unknowns}, predicts no surely better"
-        )
+        text += f"; {best.law}, with {best.unknowns} values instead of {own.unknowns}"
+        text += ", predicts no surely better"
     if own.ratio is not None and own.law != PLAIN and not own.reason:
         text += f"; {PLAIN} leaves {(own.held_percent or 0.0) / math.sqrt(own.ratio):.3g} %"
     listed.sort(key=lambda entry: entry.held_rms or np.inf)

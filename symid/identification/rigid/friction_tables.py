@@ -4,14 +4,10 @@ Library, recordings -> `Motion`; Motion, laws at shape values -> `JointTable`, s
 
 Columns and torque are averaged over windows: a linear filter that all pass alike, that reaches no further,
 and that needs no sample near standstill, where a joint may stick. Rigid columns are computed along positions
-of a lower cut-off than the columns of friction, which bend where the velocity turns.
+of a lower cut-off than the columns of friction, which bend where the velocity turns. A joint whose load was
+measured behind its gear needs no model of the links: its columns X are those of rotors. Stretches are left
+out in turn; each is scored in parts of two periods of the scoring band or more.
 
-A joint whose load was measured behind its gear needs no model of the links: its torque is that of the motor
-less the load, and its columns X are those of rotors.
-
-Stretches are left out in turn; each is scored in parts of two periods of the scoring band or more.
-
-Supported: every static law; several recordings; loads measured behind the gears, or computed; payloads.
 Not supported: windows of other lengths for other joints.
 """
 
@@ -30,12 +26,7 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.identification import regression
 from symid.identification.judge import POLICY, numerics
-from symid.joint_models import (
-    FrictionLaw,
-    compute_column_derivatives,
-    compute_columns,
-    get_law,
-)
+from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_columns, get_law
 from symid.logs import Recording, Signals
 from symid.robot import Processing
 
@@ -118,9 +109,15 @@ def list_shape_nodes(law: FrictionLaw, speeds: FloatArray) -> list[tuple[float, 
 
     Speeds lie between those of the slowest hundredth of the samples and the fastest.
     """
-    count = _count_nodes(law)
+    count, names = _count_nodes(law), [entry.name for entry in law.shape]
     axes = [np.geomspace(*bound_shape(law, k, speeds), count) for k in range(len(law.shape))]
-    return [point for point in map(tuple, itertools.product(*axes)) if _is_sensible(law, point)]
+    points = list(itertools.product(*axes))
+    # None that is the exchange of another, or an edge beyond the fall.
+    if "g2" in names:
+        points = [point for point in points if point[names.index("g2")] > point[names.index("g3")]]
+    if "dq0" in names:
+        points = [point for point in points if point[names.index("dq0")] <= point[names.index("vs")]]
+    return points
 
 
 def bound_shape(law: FrictionLaw, place: int, speeds: FloatArray) -> tuple[float, float]:
@@ -136,14 +133,6 @@ def bound_shape(law: FrictionLaw, place: int, speeds: FloatArray) -> tuple[float
         case "K":
             return 5.0, 100.0
     return max(entry.lower, 0.1), entry.upper
-
-
-def _is_sensible(law: FrictionLaw, shape: Sequence[float]) -> bool:
-    """Return whether shape values are not the exchange of others, or an edge beyond the fall."""
-    named = {entry.name: value for entry, value in zip(law.shape, shape, strict=True)}
-    if "g2" in named:
-        return named["g2"] > named["g3"]
-    return "dq0" not in named or named["dq0"] <= named["vs"]
 
 
 def gather_inputs(signals: Signals, part: slice | NDArray[np.intp], joint: int) -> dict[str, FloatArray]:
@@ -162,17 +151,14 @@ def _list_columns(wanted: Wanted, inputs: Inputs) -> tuple[tuple[Node, ...], Mad
     """Return the nodes of a joint, and the columns to make: those that agree at 1024 samples are one."""
     places = np.linspace(0, len(inputs["velocity"]) - 1, 1024).astype(int)
     probe = {name: values[places] for name, values in inputs.items()}
-    made: list[tuple[FrictionLaw, tuple[float, ...], list[int]]] = []
-    known: dict[bytes, int] = {}
-    nodes = []
+    made, nodes, known = [], [], dict[bytes, int]()
     for law, shape in wanted:
         keys, new = [column.tobytes() for column in _evaluate(law, shape, probe).T], []
         for k, key in enumerate(keys):
             if key not in known:
                 known[key] = len(known)
                 new.append(k)
-        if new:
-            made.append((law, shape, new))
+        made.append((law, shape, new))
         nodes.append(Node(law, shape, tuple(known[key] for key in keys)))
     return tuple(nodes), made
 
@@ -181,7 +167,7 @@ def _make_columns(
     made: Made, inputs: Inputs, reduce: Callable[[FloatArray], FloatArray]
 ) -> Iterator[FloatArray]:
     """Yield columns at inputs (N,) behind a linear operator, law by law."""
-    return (reduce(_evaluate(law, shape, inputs)[:, new]) for law, shape, new in made)
+    return (reduce(_evaluate(law, shape, inputs)[:, new]) for law, shape, new in made if new)
 
 
 def _evaluate(law: FrictionLaw, shape: Sequence[float], inputs: Inputs) -> FloatArray:
@@ -240,25 +226,20 @@ def prepare_motion(
     *,
     rotors: Sequence[regression.Rotor] = (),
 ) -> Motion:
-    """Return the filtered motion, with torques of motors less loads where these were measured.
-
-    The velocity's noise follows from the floor of the position's spectrum.
-    """
+    """Return the filtered motion, with torques of motors less loads where these were measured."""
     measured = regression.list_measured_joints(recordings)
     rate, band = 1.0 / recordings[0].period, regression.measure_scoring_band(recordings)
     smooth = min(_SHARP * band, 0.4 * rate)
     sharp = max(smooth, min(regression.balance_cutoff(recordings), 0.4 * rate))
 
     def filter_states(cutoff: float) -> tuple[Signals, ...]:
-        settings = replace(processing, filter_cutoff=cutoff, standstill=None, automatic=False)
-        found = []
+        settings, found = replace(processing, filter_cutoff=cutoff, standstill=None, automatic=False), []
         for entry in recordings:
             signals = regression.prepare_states(library, regression.subtract_loads(entry, measured), settings)
             payload = regression.compute_payload_torque(library, signals, entry)
             if payload is not None and any(measured):
                 # The sensor bears the payload, whose torque was subtracted a second time.
-                tau = signals.tau + np.where(np.array(measured), payload, 0.0)
-                signals = replace(signals, tau=tau)
+                signals = replace(signals, tau=signals.tau + np.where(np.array(measured), payload, 0.0))
             found.append(signals)
         return tuple(found)
 
@@ -267,6 +248,7 @@ def prepare_motion(
     signals, slowest = filter_states(sharp), np.zeros(library.card.size)
     for recording, entry in zip(recordings, signals, strict=True):
         floors = np.array([one.floor for one in regression.measure_bands(recording)])
+        # The velocity's noise follows from the floor of the position's spectrum.
         noise = 2.0 * np.pi * floors * np.sqrt(sharp**3 / 3.0)
         # What the low-pass makes of a velocity that turns, or stops.
         blur = np.sqrt(np.mean(entry.ddq**2, axis=0)) / (2.0 * np.pi * sharp)
@@ -289,11 +271,8 @@ def prepare_motion(
 
 def tabulate_laws(motion: Motion, wanted: Sequence[Wanted]) -> list[JointTable]:
     """Return the sums of products of all joints, each with all its nodes `wanted`."""
-    first = slice(None)
-    tables = [
-        _list_columns(nodes, gather_inputs(motion.signals[0], first, joint))
-        for joint, nodes in enumerate(wanted)
-    ]
+    probes = [gather_inputs(motion.signals[0], slice(None), joint) for joint in range(len(wanted))]
+    tables = list(map(_list_columns, wanted, probes))
     each = max(2, math.ceil(POLICY.folds / len(motion.signals)))
     grams: list[list[FloatArray]] = [[] for _ in wanted]
     counts: list[list[int]] = [[] for _ in wanted]
@@ -303,11 +282,8 @@ def tabulate_laws(motion: Motion, wanted: Sequence[Wanted]) -> list[JointTable]:
         windows = np.arange(count // width)
         # Windows without a slow sample, nor one within reach of them.
         low, high = np.maximum(width * windows - reach, 0), np.minimum(width * windows + width + reach, count)
-        slow = [
-            np.concatenate([[0], np.cumsum(np.abs(signals.dq[:, j]) <= motion.slowest[j])])
-            for j in range(len(wanted))
-        ]
-        kept = [column[high] == column[low] for column in slow]
+        slow = np.pad(np.cumsum(np.abs(signals.dq) <= motion.slowest, axis=0), ((1, 0), (0, 0)))
+        kept = slow[high] == slow[low]
         parts = int(np.clip(_WINDOW * len(windows) / (each * POLICY.periods), 1, POLICY.parts))
         for place, part in enumerate(np.array_split(windows, each * parts)):
             fold.append(run * each + place // parts)
@@ -319,15 +295,13 @@ def tabulate_laws(motion: Motion, wanted: Sequence[Wanted]) -> list[JointTable]:
                 rigid = _average(motion.share_columns(run, span), width)
                 shared = rigid.shape[2]
                 for joint, (_, made) in enumerate(tables):
-                    own = _make_columns(
-                        made, gather_inputs(signals, span, joint), partial(_average, width=width)
-                    )
-                    torque = _average(signals.tau[span, joint], width)
-                    table = np.column_stack([rigid[:, joint], *own, torque])[kept[joint][block]]
+                    inputs, reduce = gather_inputs(signals, span, joint), partial(_average, width=width)
+                    columns = [*_make_columns(made, inputs, reduce), reduce(signals.tau[span, joint])]
+                    table = np.column_stack([rigid[:, joint], *columns])[kept[block, joint]]
                     whole[joint] = whole[joint] + table.T @ table
             for joint in range(len(wanted)):
                 grams[joint].append(whole[joint])
-                counts[joint].append(int(kept[joint][part].sum()))
+                counts[joint].append(int(kept[part, joint].sum()))
     return [
         JointTable(np.stack(gram), np.array(fold), shared, np.array(count, dtype=np.intp), nodes)
         for gram, count, (nodes, _) in zip(grams, counts, tables, strict=True)
@@ -343,16 +317,10 @@ def tabulate_rows(  # noqa: PLR0917 - what a joint's rows are made of
     parts: Sequence[NDArray[np.intp]],
     fold: NDArray[np.intp],
 ) -> JointTable:
-    """Return the sums of products of one joint's rows, each with all its nodes `wanted`.
+    """Return the sums of products of one joint's rows, with all its nodes `wanted`.
 
-    Args:
-        wanted: laws at shape values.
-        inputs: (N,) of the laws, each.
-        reduce: a linear operator on columns, (N, c) -> (M, c).
-        shared: (M, p) columns beside friction, behind it.
-        torque: (M,) behind it, N m or N.
-        parts: the rows of every part.
-        fold: (b,) the stretch that a part is left out with.
+    `inputs` of the laws are (N,) each; `reduce` leads from (N, c) to (M, c), as many rows as the `shared`
+    columns beside friction and the `torque` have; `parts` are left out with the stretches `fold` (b,).
     """
     nodes, made = _list_columns(wanted, inputs)
     table = np.column_stack([shared, *_make_columns(made, inputs, reduce), torque])
@@ -373,9 +341,8 @@ def load_joints(motion: Motion, shared: FloatArray) -> Motion:
     beta = shared[: len(motion.library.card.beta)]
     found = []
     for smooth, sharp, payload in zip(motion.smooth, motion.signals, motion.payloads, strict=True):
-        computed = regression.evaluate_torques(
-            motion.library, smooth, beta if payload is None else beta + payload
-        )
+        own = beta if payload is None else beta + payload
+        computed = regression.evaluate_torques(motion.library, smooth, own)
         found.append(replace(sharp, load=regression.fill_load(sharp.load, computed, motion.measured)))
     return replace(motion, signals=tuple(found))
 
@@ -384,18 +351,11 @@ def measure_gain(
     motion: Motion, joint: int, law: FrictionLaw, shape: tuple[float, ...]
 ) -> regression.LoadGain | None:
     """Return the factor on a measured load that a joint's windows choose beside a law and rotors."""
-    law_of_load = get_law("load-dependent")
-    load = replace(
-        law_of_load,
-        linear=law_of_load.linear[:1],
-        columns=lambda _carrier, inputs, _shape: (inputs["load"],),
-    )
-    wanted: list[Wanted] = [
-        [(law, shape), (load, ())] if k == joint else [] for k in range(len(motion.measured))
-    ]
-    grams = tabulate_laws(motion, wanted)[joint]
-    node, other = grams.nodes
-    shared = np.arange(grams.shared)
-    shared = shared[grams.grams.sum(axis=0)[shared, shared] > 0.0]
-    places = [*shared, *(grams.shared + k for k in (*node.places, *other.places)), -1]
-    return regression.measure_load_gain(grams.grams[:, places][:, :, places])
+    load = get_law("load-dependent")
+    load = replace(load, linear=load.linear[:1], columns=lambda _carrier, inputs, _shape: (inputs["load"],))
+    wanted: list[Wanted] = [[] for _ in motion.measured]
+    wanted[joint] = [(law, shape), (load, ())]
+    table = tabulate_laws(motion, wanted)[joint]
+    shared = np.flatnonzero(np.diag(table.grams.sum(axis=0))[: table.shared] > 0.0)
+    places = [*shared, *(table.shared + k for node in table.nodes for k in node.places), -1]
+    return regression.measure_load_gain(table.grams[:, places][:, :, places])

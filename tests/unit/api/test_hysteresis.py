@@ -81,7 +81,7 @@ def test_a_fit_that_needs_time_asks_for_it(recording):
 @pytest.mark.parametrize(
     ("change", "text"),
     [
-        (lambda x, y, t: (x[:9], y[:9], t[:9]), "9 samples; at least 50"),
+        (lambda x, y, t: (x[:9], y[:9], t[:9]), "9 samples; at least 48"),
         (lambda x, y, t: (x, y[:-1], t), "columns of one length"),
         (lambda x, y, t: (np.where(t == t[4], np.nan, x), y, t), "input: sample 5 is not a finite number"),
         (lambda x, y, t: (x, 0.0 * y, t), "output: all samples are 0"),

@@ -42,7 +42,7 @@ def set_residual(record, *percents):
 def make_trial(robot, percent, *, std=0.1, fitted=False, rows="torque", band=None):
     shared = {"norm": 10.0 * std, "relative_percent": percent, "std": std, "samples": 100, "unit": "N m"}
     residual = tuple(Residual(joint=joint.name, **shared) for joint in robot.joints)
-    told = {"source": "<held out>", "rows": rows, "residual": residual, "fitted": fitted}
+    told = {"source": "<held out>", "rows": rows, "residual": residual, "fitted": fitted, "scoring": 0.0}
     validation = Validation(robot=robot.name, signature="", series=(), samples=200, **told)
     return RigidValidation(
         robot=robot,

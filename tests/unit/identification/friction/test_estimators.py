@@ -352,7 +352,7 @@ def remember(factor, count, seed=0):
 def test_the_mean_of_noise_with_a_memory_is_as_unsure_as_its_closed_form(runs):
     samples = build_samples(0.1 * remember(0.9, 20000), runs)
     estimate = fit_friction(samples, PLAIN_LAW)
-    deviation, freedom = compute_robust_deviations(samples, PLAIN_LAW, estimate)["offset"]
+    deviation, freedom = compute_robust_deviations(samples, PLAIN_LAW, estimate)[0]["offset"]
     # The variance of the mean of n such numbers is sigma^2 / n (1 + a) / (1 - a), a = 0.9.
     assert deviation == pytest.approx(0.1 / np.sqrt(20000) * np.sqrt(19.0), rel=0.15)
     # Where blocks scatter most, they are what the deviation rests on.
@@ -370,7 +370,7 @@ def test_scatter_over_many_draws_is_the_deviation_stated():
         samples = build_samples(0.1 * remember(0.97, 2000, seed))
         estimate = fit_friction(samples, PLAIN_LAW)
         found.append([entry.value for entry in estimate.parameters])
-        stated.append([std for std, _ in compute_robust_deviations(samples, PLAIN_LAW, estimate).values()])
+        stated.append([std for std, _ in compute_robust_deviations(samples, PLAIN_LAW, estimate)[0].values()])
     ratio = np.sqrt(np.mean(np.square(stated), axis=0)) / np.std(found, axis=0)
     assert np.all((ratio > 0.8) & (ratio < 1.6))
 
@@ -379,7 +379,7 @@ def test_white_noise_keeps_the_stated_deviations():
     samples = build_samples(0.1 * remember(0.0, 2000))
     estimate = fit_friction(samples, PLAIN_LAW)
     stated = {entry.name: entry.std for entry in estimate.parameters}
-    for name, (deviation, freedom) in compute_robust_deviations(samples, PLAIN_LAW, estimate).items():
+    for name, (deviation, freedom) in compute_robust_deviations(samples, PLAIN_LAW, estimate)[0].items():
         assert 1.0 <= deviation / stated[name] < 1.5
         assert 10.0 < freedom < 2000.0
     assert warn_of_friction_pattern(samples, PLAIN_LAW, estimate) == ()

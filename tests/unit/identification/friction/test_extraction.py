@@ -34,7 +34,7 @@ def extract(*recordings, processing=RAW, **options):
 
 
 def fit(samples, columns):
-    rows = samples.build_rows()
+    rows = samples.rows
     passed = samples.pass_columns(np.hstack([columns, samples.extra]))
     solution = np.linalg.lstsq(passed, rows.torque, rcond=None)[0]
     return solution, rows.torque - passed @ solution
@@ -127,9 +127,9 @@ def test_slow_rows_are_left_out_and_counted():
     found = extract(record(0.8), processing=processing)
     (notice,) = found.notices
     assert notice.code == "identify.slow-rows"
-    rows = found.samples.build_rows()
+    rows = found.samples.rows
     assert np.abs(rows.velocity).min() >= 0.2
-    whole = extract(record(0.8)).samples.build_rows()
+    whole = extract(record(0.8)).samples.rows
     assert f"{int(np.sum(np.abs(whole.velocity) < 0.2))} of {len(whole.time)} rows" in notice.text
     with raises(IdentifiabilityError, "friction.all-slow"):
         extract(record(0.8), processing=Processing(standstill=2.0))
@@ -137,7 +137,7 @@ def test_slow_rows_are_left_out_and_counted():
 
 def test_rows_keep_velocity_and_recording_behind_the_filter():
     samples = extract(record(0.8), record(0.2), processing=DECIMATED).samples
-    rows = samples.build_rows()
+    rows = samples.rows
     assert sorted(set(rows.run.tolist())) == [0, 1]
     count = np.sum(rows.run == 1)
     expected = samples.velocity[samples.run == 1]
@@ -346,7 +346,7 @@ def test_columns_and_rows_of_a_part_are_those_that_pass_the_operator_of_the_whol
             passed = samples.pass_columns(compute_columns(law, samples.inputs, shape))
             np.testing.assert_array_equal(samples.pass_law(law, shape), passed)
             np.testing.assert_array_equal(part.pass_law(law, shape), passed[kept][then])
-    whole, rows = samples.build_rows(), part.build_rows()
+    whole, rows = samples.rows, part.rows
     np.testing.assert_array_equal(whole.torque, samples.pass_columns(samples.torque[:, None])[:, 0])
     np.testing.assert_array_equal(rows.extra, samples.pass_columns(samples.extra)[kept][then])
     assert set(rows.run.tolist()) == {0, 1}

@@ -317,7 +317,7 @@ def test_noise_with_a_memory_makes_no_difference_of_poses(memory, poses):
             torque, rest = clean + 0.1 * noise, {"joint": "j", "extra": np.empty((2000, 0))}
             samples = FrictionSamples(time=time, velocity=velocity, torque=torque, **rest)
             estimate = fit_friction(samples, law)
-            deviations = compute_robust_deviations(samples, law, estimate)
+            deviations, _ = compute_robust_deviations(samples, law, estimate)
             fits.append([(estimate.get_value(name), *deviations[name]) for name in ("fC", "fV", "offset")])
         chances = [compute_chance(*np.array([fit[k] for fit in fits]).T) for k in range(3)]
         alarms += 3 * min(chances) < 0.01

@@ -50,7 +50,7 @@ def build_run(model, seconds=8.0):
     time = SAMPLING * np.arange(round(seconds / SAMPLING))
     force = 45.0 * np.sin(1.7 * time + 0.5) + 40.0 * np.sign(np.sin(4.1 * time + 1.0))
     position, _ = simulate_axis(model, TRUTH[model.name], force, SAMPLING, (0.02, 0.05, 0.0))
-    return AxisRun(position=position, force=force, period=SAMPLING)
+    return AxisRun(position=position, force=force, period=SAMPLING, begin=0.0)
 
 
 def whole(run):
@@ -94,7 +94,7 @@ def test_samples_left_out_do_not_count():
     assert np.array_equal(seen, np.concatenate([both[: 300 - GIVEN], both[500 - GIVEN :]]))
     spoiled = run.position.copy()
     spoiled[300:500] += 1.0
-    other = AxisRun(position=spoiled, force=run.force, period=SAMPLING)
+    other = AxisRun(position=spoiled, force=run.force, period=SAMPLING, begin=0.0)
     fits = [fit_output_error(PLAIN, each, whole(run), [values], left_out=held) for each in (run, other)]
     assert fits[0] == fits[1]
 
@@ -131,7 +131,7 @@ def test_of_the_trials_that_none_surely_surpasses_the_one_of_the_fewest_values_i
 )
 def test_runs_that_cannot_be(position, force):
     with raises(LogError, "friction.axis-run"):
-        AxisRun(position=position, force=force, period=SAMPLING)
+        AxisRun(position=position, force=force, period=SAMPLING, begin=0.0)
     # Windows that are too short.
     with pytest.raises(LogError, match="40 samples"):
         fit_output_error(PLAIN, build_run(PLAIN, 1.0), [Window(first=0, last=30)], [TRUTH[PLAIN.name]])
@@ -301,7 +301,7 @@ def test_other_laws_meet_an_adaptive_integrator_and_rates_are_slopes(name):
     expected = find_reference(model, values, force, start)
     way = np.ptp(expected)
     once, _ = simulate_axis(model, values, force, PERIOD, start)
-    fine, _ = simulate_axis(model, values, force, PERIOD, start, substeps=8)
+    fine = simulate_axis(model, values, np.repeat(force, 8), PERIOD / 8, start)[0, ::8]
     assert np.max(np.abs(once - expected)) < 1e-5 * way
     assert np.max(np.abs(fine - expected)) < 2e-7 * way
     states = simulate_axis(model, values, force, PERIOD, start, rates=True)
@@ -317,12 +317,12 @@ def test_other_laws_meet_an_adaptive_integrator_and_rates_are_slopes(name):
 def test_smooth_dry_friction_is_stable_and_tends_to_the_plain_one():
     force = 80.0 * np.sin(6.0 * PERIOD * np.arange(2001))
 
-    def simulate(smoothing, **options):
+    def simulate(smoothing, n):
         model = AxisModel(law=get_law("coulomb-viscous", smoothing=smoothing))
-        return simulate_axis(model, VALUES[:3], force, PERIOD, (0.0, 0.0, 0.0), **options)[0]
+        return simulate_axis(model, VALUES[:3], np.repeat(force, n), PERIOD / n, (0.0,) * 3)[0, ::n]
 
-    plain = simulate(0.0)
-    errors = [np.max(np.abs(simulate(size, substeps=20) - plain)) for size in (1e-2, 1e-3, 1e-4)]
+    plain = simulate(0.0, 1)
+    errors = [np.max(np.abs(simulate(size, 20) - plain)) for size in (1e-2, 1e-3, 1e-4)]
     # In proportion to the smoothing speed, but for the logarithm of the time that leaving rest takes.
     assert errors[1] < errors[0] / 5.0
     assert errors[2] < errors[1] / 5.0

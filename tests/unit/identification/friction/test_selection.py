@@ -119,7 +119,7 @@ def test_a_law_that_cannot_be_fitted_says_why():
 
 def test_the_map_shows_friction_against_velocity():
     samples = build_samples("coulomb-viscous-offset")
-    rows = samples.build_rows()
+    rows = samples.rows
     known = 1.1 * rows.velocity + 1.8 * np.sign(rows.velocity) + 0.25
     other = np.linalg.lstsq(rows.extra, rows.torque - known, rcond=None)[0]
     found = compute_velocity_map(samples, other)
@@ -176,7 +176,7 @@ def test_laws_are_fitted_about_as_well_as_by_a_full_search(truth, physical, laws
     near = 0.05 if truth == KINKS else 0.01
     for trial in found.trials:
         full = fit_friction(samples, get_law(trial.law))
-        least = 100.0 * np.sqrt(full.objective) / np.linalg.norm(samples.build_rows().torque)
+        least = 100.0 * np.sqrt(full.objective) / np.linalg.norm(samples.rows.torque)
         assert trial.fitted_percent == pytest.approx(least, rel=near), trial.law
         if trial.law == LINEAR:
             assert trial.aicc == pytest.approx(full.aicc, rel=1e-9)

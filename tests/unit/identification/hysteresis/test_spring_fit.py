@@ -71,7 +71,7 @@ def test_stops_and_knees_at_their_places_are_found(data, phi, target):
     plain = replace(TRUE, thresholds=data.thresholds, knees=np.zeros(0), slopes=np.zeros(0))
     assert np.allclose(data.fit_stops(data.compute_torque(plain)).stiffness, TRUE.stiffness, rtol=1e-9)
     start = replace(data.fit_stops(target), knees=TRUE.knees, slopes=np.ones(3))
-    found = fit_spring(data, target, start, tolerance=1e-14)
+    found = fit_spring(data, target, start)
     assert np.allclose(found.stiffness, TRUE.stiffness, rtol=1e-4)
     assert np.allclose(found.slopes, TRUE.slopes, rtol=1e-4)
 
@@ -84,7 +84,7 @@ def refine(phi, target, *, stops=8, knees=4):
     grid = build_knee_grid([part @ start.stiffness for part in data.basis], knees)
     start = replace(start, knees=grid, slopes=np.ones(2 * knees))
     found = refine_spring(data, target, fit_spring(data, target, start))
-    found = follow_spring(data, target, found, tolerance=1e-9)
+    found = follow_spring(data, target, found)
     return found, data.compute_torque(found)
 
 
