@@ -20,7 +20,6 @@ Not supported: ripple that grows with the load; encoders that run late (align th
 
 import math
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, NamedTuple
@@ -31,9 +30,8 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library
-from symid.errors import RobotError
 from symid.identification.elastic.elimination import compute_speeds, filter_band, solve_weighted
-from symid.identification.elastic.estimate import STEP, compute_covariance, list_spring_numbers, move_spring
+from symid.identification.elastic.estimate import STEP, compute_covariance, differentiate_spring
 from symid.identification.elastic.regression import (
     APART,
     MOVES,
@@ -461,14 +459,7 @@ def refine_eccentricity(
 
         left, step = link[:, joint] - compute(spring), STEP * math.hypot(*disc.values)
         columns = [(compute(spring, way) - compute(spring, -way)) / (2.0 * step) for way in step * np.eye(2)]
-        for value, place in list_spring_numbers(spring):
-            # At the edge of what springs can be, a number stays.
-            with suppress(RobotError):
-                above, below = (
-                    compute(move_spring(spring, place, value * (1.0 + side * STEP))) for side in (1.0, -1.0)
-                )
-                columns.append((above - below) / (2.0 * STEP * value))
-        design = np.column_stack(columns)
+        design = np.column_stack([*columns, differentiate_spring(spring, compute)])
         moved = solve_scaled(design, left, rcond=numerics.RANK)
         deviations = np.sqrt(np.diag(compute_covariance(design, left - design @ moved)[:2, :2]))
         values = (np.array(disc.values) + moved[:2]).tolist()

@@ -19,13 +19,13 @@ Not supported: encoder noise as large as torque noise within the band; the motor
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays
+from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice
 from symid.identification.elastic import regression
@@ -44,8 +44,7 @@ def fit_elimination(problem: regression.ElasticProblem) -> MethodFit:
     return build_method_fit("elimination", chi, problem.sizes, springs)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BandRows(FrozenArrays):
+class BandRows(NamedTuple):
     """Equations design @ chi = torque of all recordings.
 
     Args:
@@ -63,8 +62,7 @@ class BandRows(FrozenArrays):
 
     def select(self, kept: NDArray[np.bool_]) -> "BandRows":
         """Return the rows of a mask (m,)."""
-        parts = {name: getattr(self, name)[kept] for name in ("design", "torque", "group", "time", "slide")}
-        return BandRows(**parts)
+        return BandRows(*(part[kept] for part in self))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,24 +100,19 @@ def solve_weighted(
 def fit_band(card: ModelCard, rows: BandRows, known: FloatArray | None = None) -> BandFit:
     """Return the weighted least-squares fit; `known` is that of `solve_with_signs`."""
     solve = partial(regression.solve_with_signs, card, known=known)
-    chi, _, scatter = solve_weighted(solve, rows.design, rows.torque, rows.group)
+    chi, _, scatter = solve_weighted(solve, *rows[:3])
     covariance = compute_covariance(rows.design / scatter[rows.group][:, None], known=known)
     return BandFit(chi=chi, covariance=covariance, scatter=scatter)
 
 
 def fit_momentum(problem: regression.ElasticProblem) -> MethodFit:
     """Return dynamics from momenta, and the springs that remain; raise UsageError if windows do not fit."""
-    length = problem.options.window
+    length, card = problem.options.window, problem.library.card
     parts = [_integrate_equations(problem.library, signals, length) for signals in problem.signals]
     design, impulse = (np.concatenate(part) for part in zip(*parts, strict=True))
-    rows = BandRows(
-        design=design.reshape(-1, design.shape[2]),
-        torque=impulse.reshape(-1),
-        group=np.tile(np.arange(impulse.shape[1]), len(impulse)),
-        time=np.zeros(impulse.size),
-        slide=np.zeros(impulse.size, dtype=np.intp),
-    )
-    chi = fit_band(problem.library.card, rows, problem.known).chi
+    solve = partial(regression.solve_with_signs, card, known=problem.known)
+    group = np.tile(np.arange(card.size), len(impulse))
+    chi, *_ = solve_weighted(solve, design.reshape(-1, design.shape[2]), impulse.reshape(-1), group)
     springs = problem.fit_springs(problem.compute_motor_side(chi))
     return build_method_fit("momentum", chi, problem.sizes, springs)
 
@@ -149,11 +142,12 @@ def _integrate_equations(
     """Return design (m, n, p + n + pf) and impulses (m, n) in N m s or N s of windows of `length` s."""
     first = signals.settled
     windows = choose_windows(len(signals.time) - first, signals.period, length)
+
+    def rise(values: FloatArray) -> FloatArray:
+        return np.diff(values[first:][windows.ends], axis=0)
+
     design = regression.build_equations(
-        library,
-        signals,
-        lambda values: np.diff(values[first:][windows.ends], axis=0),
-        lambda values: integrate_windows(values[first:], windows),
+        library, signals, rise, lambda values: integrate_windows(values[first:], windows)
     )
     if signals.hold != "zero":
         return design, integrate_windows(signals.tau[first:], windows)
@@ -196,11 +190,9 @@ def build_band_rows(library: Library, signals: Sequence[regression.ElasticSignal
             [regression.mark_sliding(part, 1.0 / edge, share * speeds)[keep] for share in SHARES], axis=0
         )
         group = np.broadcast_to(number * joints + np.arange(joints), torque.shape)
-        parts.append(
-            (design.reshape(-1, design.shape[2]), torque.ravel(), group.ravel(), time, slide.ravel())
-        )
-    names = ("design", "torque", "group", "time", "slide")
-    return BandRows(**dict(zip(names, map(np.concatenate, zip(*parts, strict=True)), strict=True)))
+        whole = design.reshape(-1, design.shape[2])
+        parts.append((whole, torque.ravel(), group.ravel(), time, slide.ravel()))
+    return BandRows(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def measure_torque_noise(recordings: Sequence[Recording], band: float) -> FloatArray:

@@ -361,6 +361,21 @@ def move_spring(spring: Elasticity, place: SpringPlace, value: float) -> Elastic
     return replace(spring, **{name: tuple(whole)})  # type: ignore[arg-type]  # stops, knees or branches
 
 
+def differentiate_spring(spring: Elasticity, compute: Callable[[Elasticity], FloatArray]) -> FloatArray:
+    """Return the derivatives (M, k) of what a spring gives (M,) by all its numbers."""
+    columns = []
+    for number, place in list_spring_numbers(spring):
+        step, sides = STEP * abs(number), []
+        for value in (number + step, number - step, number):
+            # At the edge of what springs can be, such as a knee that all but flattens them, one side is left.
+            with suppress(RobotError):
+                sides.append((move_spring(spring, place, value), value))
+        if len(sides) > 1:
+            (above, high), (below, low) = sides[:2]
+            columns.append((compute(above) - compute(below)) / (high - low))
+    return np.column_stack(columns) if columns else np.empty((len(compute(spring)), 0))
+
+
 def measure_spring_spread(
     spring: Elasticity,
     compute: Callable[[Elasticity], Sequence[FloatArray]],
@@ -379,33 +394,19 @@ def measure_spring_spread(
         errors: (M,) what the spring leaves, N m or N.
         covariance: (p, p) of these parameters, finite.
     """
-    slopes, parts = [], []
-    for number, place in list_spring_numbers(spring):
-        step, sides = STEP * abs(number), []
-        for value in (number + step, number - step, number):
-            # At the edge of what springs can be, such as a knee that all but flattens them, one side is left.
-            with suppress(RobotError):
-                sides.append((move_spring(spring, place, value), value))
-        if len(sides) == 1:
-            continue
-        (above, high), (below, low) = sides[:2]
-        pairs = zip(compute(above), compute(below), strict=True)
-        parts.append([(ahead - behind) / (high - low) for ahead, behind in pairs])
-        slopes.append((_get_slope(above) - _get_slope(below)) / (high - low))
-    jacobians = [np.stack(part, axis=1) for part in zip(*parts, strict=True)]
-    whole = np.concatenate(jacobians)
+    whole = differentiate_spring(spring, lambda moved: np.concatenate(compute(moved)))
+    slopes = differentiate_spring(spring, lambda moved: np.array([_get_slope(moved)]))[0]
     lengths: FloatArray = np.linalg.norm(whole, axis=0)
     # A number without effect has no deviation that matters.
     lengths = np.where(lengths > 0.0, lengths, np.inf)
     scaled = whole / lengths
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=numerics.RANK, hermitian=True)
     carried = inverse @ (scaled.T @ np.concatenate(columns))
-    spread = carried @ covariance @ carried.T
-    for jacobian, error in zip(jacobians, errors, strict=True):
-        owner = np.zeros(len(error), dtype=np.intp)
-        spread += inverse @ sum_block_scores(jacobian / lengths, error, owner, STRETCHES)[0] @ inverse
+    owner = np.repeat(np.arange(len(errors)), [len(error) for error in errors])
+    scores, _ = sum_block_scores(scaled, np.concatenate(errors), owner, STRETCHES)
+    spread = carried @ covariance @ carried.T + inverse @ scores @ inverse
     torque = float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", scaled, spread, scaled))))
-    way = np.array(slopes) / lengths
+    way = slopes / lengths
     # States are filtered, which rounds the corner at a reversal, where the slope is that near zero. Changes
     # by a knee on each side of a torque that small are what noise makes, and in doubt as a whole.
     soon = POLICY.relevance * max(float(np.max(np.abs(part))) for part in compute(spring))

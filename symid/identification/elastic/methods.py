@@ -376,7 +376,7 @@ class MethodSelection:
     fit: estimate.MethodFit
     reason: str
     errors: Mapping[str, float] = field(default_factory=dict)
-    contradiction: float = 0.0
+    contradiction: float
     notices: tuple[Notice, ...] = ()
 
 

@@ -56,7 +56,7 @@ from symid.identification.elastic.nlp_cost import (
 )
 from symid.identification.elastic.options import NlpOptions
 from symid.identification.elastic.regression import ElasticProblem, average_steps
-from symid.identification.elastic.together import HALVINGS, fit_linear_spring
+from symid.identification.elastic.together import TRIALS, fit_linear_spring
 from symid.identification.hysteresis import SpringWeights, build_knee_grid, compute_place_limits
 from symid.identification.judge import numerics
 from symid.ipopt import Ending, GraphProblem, IpoptOptions, SmoothProblem, keep_last, minimise, minimise_graph
@@ -130,8 +130,8 @@ def optimise_nlp(
         upper=layout.upper,
     ).scale(scales)
     begin = np.clip(start, layout.lower, layout.upper) / scales
-    ipopt = IpoptOptions(tolerance=options.tolerance, iterations=options.iterations)
-    run = minimise(scaled, begin, replace(ipopt, barrier=options.tolerance) if near else ipopt)
+    ipopt = IpoptOptions(tolerance=numerics.RANK, iterations=options.iterations)
+    run = minimise(scaled, begin, replace(ipopt, barrier=ipopt.tolerance) if near else ipopt)
     if near and run.outcome is not Ending.CONVERGED:
         run = min(
             (run, minimise(scaled, begin, ipopt)),
@@ -337,7 +337,7 @@ def _move_places(setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray) -> tu
         known += [NlpPlace(joint=joint, knee=True, index=index) for index in order.tolist()]
         limits |= dict(zip(known, zip(*(part.tolist() for part in ends), strict=True), strict=True))
     lower, upper = np.array([limits[place] for place in places]).T
-    for fraction in 0.5 ** np.arange(HALVINGS):
+    for fraction in 0.5 ** np.arange(TRIALS):
         moved = setting.shift(places, np.clip(fraction * step[len(x) :], lower, upper))
         trial = _rebuild(cost, moved)
         start = np.clip(x + fraction * step[: len(x)], trial.layout.lower, trial.layout.upper)
@@ -647,8 +647,8 @@ def add_torque(graph: NlpGraph, joint: str, torque: Callable[[ElasticMotion], An
     for residual, along, (block, sigma) in zip(graph.residuals, graph.motions, graph.blocks, strict=True):
         motion = along[number]
         if id(motion) not in steps:
-            shape = motion.phi.shape
-            steps[id(motion)] = average_steps(_take(graph, torque(motion), f"the torque of {joint}", shape))
+            count = motion.phi.shape[0]
+            steps[id(motion)] = average_steps(_take(graph, torque(motion), f"the torque of {joint}", count))
         pairs = [(own.joint, own.sums) for own in block.springs] if side == "spring" else block.friction
         sign = block.sign if side == "spring" else 1.0
         rows = [_add_steps(sums, steps[id(motion)]) for own, sums in pairs if own == number]
@@ -671,15 +671,15 @@ def add_constraint(graph: NlpGraph, expression: Any, lower: float, upper: float)
     return replace(graph, constraints=(*graph.constraints, added))
 
 
-def _take(graph: NlpGraph, given: Any, what: str, shape: tuple[int, int] = (1, 1)) -> Any:  # noqa: ANN401
-    """Return an expression as MX; refuse other shapes, and symbols that are not of this problem."""
+def _take(graph: NlpGraph, given: Any, what: str, samples: int | None = None) -> Any:  # noqa: ANN401
+    """Return a scalar, or a column of `samples`, as MX; refuse other shapes, and symbols of elsewhere."""
     try:
         found = casadi.MX(given)
     except (NotImplementedError, TypeError) as error:
         text = f"{what} is {type(given).__name__}: expected a number, or an expression (MX) of the variables"
         raise UsageError(Notice(code="usage.expression", text=text)) from error
-    if found.shape != shape:
-        wanted = "a scalar: sum its entries" if shape == (1, 1) else f"{shape[0]} x 1, a number a sample"
+    if not (found.is_scalar() if samples is None else found.shape == (samples, 1)):
+        wanted = f"{samples} x 1, a number a sample" if samples else "a scalar: sum its entries"
         text = f"{what} has the shape {found.shape[0]} x {found.shape[1]}: must be {wanted}"
         raise UsageError(Notice(code="usage.expression", text=text))
     known = {hash(entry.symbol) for entry in graph.variables.values()}
@@ -734,14 +734,16 @@ def solve_nlp_graph(graph: NlpGraph) -> NlpAnswer:
             bend = float(casadi.Function("bend", [x], [casadi.hessian(cost, entry.symbol)[0]])(start))
             scale = bend**-0.5 if 0.0 < bend < np.inf else max(abs(entry.start), 1e-3)
         scales[place] = scale
-    options = IpoptOptions(tolerance=graph.options.tolerance, iterations=graph.options.iterations)
+    options = IpoptOptions(tolerance=numerics.RANK, iterations=graph.options.iterations)
     run = minimise_graph(problem, start, options, scales)
     if not run.outcome.usable:
         text = f"the one-shot problem has no solution: {run.reason}; relax constraints, or start elsewhere"
         raise SolverError(Notice(code="solver.one-shot", text=text))
     found = casadi.Function("found", [x], [cost, problem.constraints])(run.x)
     objective, levels = (np.array(part, dtype=np.float64).ravel() for part in found)
-    near = np.isfinite(limits) & (np.abs(levels - limits) <= numerics.CONVERGED * np.maximum(np.abs(limits), 1.0))
+    near = np.isfinite(limits) & (
+        np.abs(levels - limits) <= numerics.CONVERGED * np.maximum(np.abs(limits), 1.0)
+    )
     own = run.x[: graph.layout.size]
     least = np.array([numerics.CONVERGED * np.sum(own[spring.weights]) for spring in graph.layout.springs])
     return NlpAnswer(

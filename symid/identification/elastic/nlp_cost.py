@@ -379,8 +379,8 @@ class SpringLayout:
 class SpringGrid:
     """What is fixed of one joint's spring: thresholds (m,) rad or m, signed knee torques N m or N.
 
-    Multiples of `stiffness`, of a linear spring, bound the weights; those of stops beyond `reach`, the
-    largest torsion, are zero, as they are one with k0.
+    A part of `stiffness`, of a linear spring, is the least k0; weights of stops beyond `reach`, the largest
+    torsion, are zero, as they are one with k0.
     """
 
     thresholds: FloatArray
@@ -463,10 +463,9 @@ class NlpLayout:
             names += [f"k{stop} of joint {joint}" for stop in range(len(grid.thresholds) + 1)]
             sign = "+-" if odd else ""
             names += [f"slope beyond {sign}{place:.6g} of joint {joint}" for place in places]
-            limit = options.weight_limit * grid.stiffness
             slopes = [np.full(len(places), bound) for bound in options.slopes]
             lower += [[options.least_stiffness * grid.stiffness], np.zeros(len(grid.thresholds)), slopes[0]]
-            upper += [[limit], np.where(grid.thresholds < grid.reach, limit, 0.0), slopes[1]]
+            upper += [[np.inf], np.where(grid.thresholds < grid.reach, np.inf, 0.0), slopes[1]]
         return cls(
             names=tuple(names),
             lower=freeze(np.concatenate(lower)),

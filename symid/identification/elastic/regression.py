@@ -19,6 +19,7 @@ Not supported: one encoder only; delays between the channels (align the recordin
 link side that is not viscous; full physical consistency of the links.
 """
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -529,13 +530,6 @@ class EnergyWindows(FrozenArrays):
             total += np.diff(work[self.ends])
         return total
 
-    def compute_columns(self, thresholds: Sequence[FloatArray], signals: ElasticSignals) -> list[FloatArray]:
-        """Return, joint by joint, the work per unit stiffness of a spring and its stops in every window."""
-        return [
-            np.diff(compute_work_columns(torsion, grid)[self.ends], axis=0)
-            for grid, torsion in zip(thresholds, signals.phi.T, strict=True)
-        ]
-
 
 def build_energy_windows(library: Library, signals: ElasticSignals, length: float) -> EnergyWindows:
     """Return the energy equations in windows of `length` s; raise UsageError where none fits the log."""
@@ -602,7 +596,7 @@ def read_known(card: ModelCard, known: Mapping[str, float]) -> FloatArray:
     names = [entry.name for entry in list_parameter_cards(card)]
     values = np.array([known.get(name, np.nan) for name in names])
     rigid = mark_rigid_rotors(card)
-    allowed = [name for name, merged in zip(names, rigid, strict=True) if not merged]
+    allowed = list(itertools.compress(names, ~rigid))
     mistakes = [
         f"known {name!r} is no parameter of {card.robot!r}{suggest_names(name, allowed, before='; ')}"
         for name in known
@@ -633,10 +627,8 @@ def solve_with_signs(
     """
     count = matrix.shape[-1]
     matrix, right = matrix.reshape(-1, count), right.reshape(-1)
-    given = np.full(count, np.nan)
-    if known is not None:
-        given[: len(known)] = known
-    if not np.all(np.isnan(given)):
+    if known is not None and not np.all(np.isnan(known)):
+        given = np.pad(known, (0, count - len(known)), constant_values=np.nan)
         free, values = np.isnan(given), np.nan_to_num(given)
         found = solve_with_signs(card, np.where(free, matrix, 0.0), right - matrix @ values)
         return np.asarray(np.where(free, found, values))
@@ -653,15 +645,12 @@ def solve_with_signs(
     low = np.pad(least, (0, count - len(least)))
     if np.all(solution >= low):
         return solution
-
     if answer[2] < count:
         # Of the many solutions the bounded problem must take a short one too; this hardly weighs elsewhere.
         left = np.vstack([left, rule.singular * answer[3][0] * np.eye(count)])
         values = np.concatenate([values, np.zeros(count)])
-    bounded: FloatArray = (
-        scipy.optimize.lsq_linear(left, values, bounds=(low * scales, np.inf), method="bvls").x / scales
-    )
-    return np.where(alive, bounded, 0.0)
+    bounded = scipy.optimize.lsq_linear(left, values, bounds=(low * scales, np.inf), method="bvls")
+    return np.where(alive, bounded.x / scales, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -726,15 +715,18 @@ class ElasticProblem:
 
     def compute_work(self, springs: Sequence[Elasticity]) -> FloatArray:
         """Return the work of all springs in the windows of the energy rows (m,), J."""
-        parts = [
-            rows.compute_work(springs, part) for part, rows in zip(self.signals, self.energy, strict=True)
-        ]
-        return np.concatenate(parts)
+        pairs = zip(self.signals, self.energy, strict=True)
+        return np.concatenate([rows.compute_work(springs, part) for part, rows in pairs])
 
     def compute_stop_work(self, thresholds: Sequence[FloatArray]) -> FloatArray:
         """Return the work of springs and stops per unit stiffness in every window (m, sum (m_i + 1)), J."""
-        pairs = zip(self.signals, self.energy, strict=True)
-        return np.vstack([np.hstack(rows.compute_columns(thresholds, part)) for part, rows in pairs])
+        columns = []
+        for part, rows in zip(self.signals, self.energy, strict=True):
+            pairs = zip(part.phi.T, thresholds, strict=True)
+            columns.append(
+                np.hstack([np.diff(compute_work_columns(*pair)[rows.ends], axis=0) for pair in pairs])
+            )
+        return np.vstack(columns)
 
     def fit_springs(self, torque: FloatArray) -> tuple[Elasticity, ...]:
         """Return the springs, one a joint, that explain F[tau_J] best: (M, n) in N m at the filtered rows.
@@ -759,9 +751,8 @@ class ElasticProblem:
         if given is None:
             knees = build_knee_grid([part @ weights.stiffness for part in data.basis], self.options.knees)
         else:
-            knees = np.array(
-                sorted(given[joint], key=lambda torque: (torque > 0, abs(torque))), dtype=np.float64
-            )
+            order = sorted(given[joint], key=lambda torque: (torque > 0, abs(torque)))
+            knees = np.array(order, dtype=np.float64)
         return replace(weights, knees=knees, slopes=np.ones(len(knees)))
 
     def average_sides(self, chi: FloatArray) -> FloatArray:
