@@ -139,7 +139,7 @@ def check_dynamic_values(law: DynamicLaw, values: Sequence[float]) -> None:
     mistakes = []
     if len(values) != len(law.parameters):
         mistakes.append(f" takes {len(law.names)} values ({', '.join(law.names)}), got {len(values)}")
-    for parameter, value in zip(law.parameters, values, strict=False) if not mistakes else ():
+    for parameter, value in () if mistakes else zip(law.parameters, values, strict=True):
         kept = value >= parameter.lower if parameter.lower_is_allowed else value > parameter.lower
         if not (math.isfinite(value) and kept and value <= parameter.upper):
             bound = "at least" if parameter.lower_is_allowed else "above"

@@ -48,11 +48,9 @@ class ElementStep(Generic[V]):
 def _name_branches(elasticity: elements.Elasticity) -> list[tuple[str, branches.Branch]]:
     """Return the branches with the beginnings of their values' names: slip_, slip1_, slip2_, ..."""
     kinds = [branch.kind for branch in elasticity.branches]
-    named = []
-    for place, branch in enumerate(elasticity.branches):
-        number = str(kinds[: place + 1].count(branch.kind)) if kinds.count(branch.kind) > 1 else ""
-        named.append((f"{branch.kind}{number}_", branch))
-    return named
+    numbers = [kinds[: k + 1].count(kind) if kinds.count(kind) > 1 else "" for k, kind in enumerate(kinds)]
+    heads = (f"{kind}{number}_" for kind, number in zip(kinds, numbers, strict=True))
+    return list(zip(heads, elasticity.branches, strict=True))
 
 
 def list_element_values(elasticity: elements.Elasticity) -> dict[str, float]:

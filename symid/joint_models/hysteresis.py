@@ -22,7 +22,6 @@ from functools import reduce
 from itertools import accumulate
 from typing import Generic, TypeVar
 
-from symid.errors import Notice, RobotError
 from symid.joint_models.branches import Branch, clamp, refuse_element
 from symid.joint_models.carriers import Carrier
 from symid.serialization import Finite
@@ -75,11 +74,7 @@ class Elasticity:
     offset: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check what every later stage relies on.
-
-        Raises:
-            RobotError: thresholds that are not increasing, or zero; an outer function that does not rise.
-        """
+        """Raise a RobotError for thresholds that do not increase or are zero, or an outer function's fall."""
         stops = [stop.threshold for stop in self.stops]
         knees = [knee.threshold for knee in self.knees]
         mistakes = []
@@ -125,8 +120,10 @@ def compute_catalogue_knees(stiffnesses: Sequence[float], torques: Sequence[floa
     first, second, third = stiffnesses
     far = torques[0] + (torques[1] - torques[0]) * first / second
     pairs = ((torques[0], (second - first) / first), (far, (third - second) / first))
-    ordered = sorted((side * place, slope) for place, slope in pairs for side in (-1.0, 1.0) if slope)
-    return tuple(Knee(threshold=place, slope=slope) for place, slope in ordered)
+    sides = (-1.0, 1.0)
+    return tuple(
+        sorted(Knee(threshold=s * place, slope=slope) for place, slope in pairs for s in sides if slope)
+    )
 
 
 V = TypeVar("V")
@@ -267,9 +264,8 @@ def convert_to_normal_form(elasticity: Elasticity, outer_slope: float) -> Elasti
     Stiffnesses and knees of `elasticity` belong to tau = outer_slope v + sum_j s_j S_j(v). A RobotError for a
     slope that is not positive, or where the result is no elasticity.
     """
-    if not outer_slope > 0:
-        text = f"slope {outer_slope:g} of the outer function at zero: it must be positive"
-        raise RobotError(Notice(code="robot.invalid-elasticity", text=text))
+    text = f"slope {outer_slope:g} of the outer function at zero: it must be positive"
+    refuse_element([] if outer_slope > 0 else [text])
 
     def scale(value: float | None) -> float | None:
         return None if value is None else value * outer_slope
@@ -293,9 +289,8 @@ def convert_maxwell_elements(elements: Sequence[MaxwellElement]) -> tuple[Stop, 
     """
     stiffness: dict[float, float] = {}
     for element in elements:
-        if not (element.stiffness > 0 and element.force > 0):
-            text = f"stiffness {element.stiffness:g}, force {element.force:g}: both must be positive"
-            raise RobotError(Notice(code="robot.invalid-elasticity", text=text))
+        text = f"stiffness {element.stiffness:g}, force {element.force:g}: both must be positive"
+        refuse_element([] if element.stiffness > 0 and element.force > 0 else [text])
         threshold = element.force / element.stiffness
         stiffness[threshold] = stiffness.get(threshold, 0.0) + element.stiffness
     return tuple(Stop(threshold=key, stiffness=value) for key, value in sorted(stiffness.items()))

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.errors import Notice, RobotError
 from symid.joint_models import hysteresis as elements
+from symid.joint_models.branches import refuse_element
 from symid.joint_models.carriers import OperatorCarrier, build_float_carrier, build_numpy_carrier
 
 _FLOATS = build_float_carrier()
@@ -84,11 +85,7 @@ class PlayModel(elements.Plays[float]):
     thresholds: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check what the inverse relies on.
-
-        Raises:
-            RobotError: thresholds out of order, a count that does not fit, a sum that does not rise.
-        """
+        """Raise a RobotError for thresholds out of order, a count that does not fit, or no rise."""
         mistakes = []
         if len(self.weights) != len(self.thresholds) + 1:
             mistakes.append(f"{len(self.thresholds)} thresholds need {len(self.thresholds) + 1} weights")
@@ -96,8 +93,7 @@ class PlayModel(elements.Plays[float]):
             mistakes.append("the thresholds of plays must be positive and increase, each once")
         if not all(slope > 0 for slope in np.cumsum(self.weights)):
             mistakes.append("w_0 + ... + w_i must be positive for every i: else the model does not rise")
-        if mistakes:
-            raise RobotError(*(Notice(code="robot.invalid-elasticity", text=text) for text in mistakes))
+        refuse_element(mistakes)
 
 
 def build_play_model(elasticity: elements.Elasticity) -> PlayModel:

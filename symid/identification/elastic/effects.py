@@ -22,6 +22,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import compress
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -183,17 +184,15 @@ def measure_effects(
                 p, fall = float(gain.p[effect.joint]), float(gain.fall[effect.joint])
             tried.append((float(after.sum()), p, fall, effect, further))
         chances = adjust_chances([entry[1] for entry in tried])
-        sure = [entry for entry, p in zip(tried, chances, strict=True) if _is_clear(p, entry[2])]
+        # Squares fell surely, and by more than what does no harm.
+        falls = (entry[2] * (1.0 - POLICY.relevance) for entry in tried)
+        clear = [p < POLICY.alarm and fall > 1.0 for p, fall in zip(chances, falls, strict=True)]
+        sure = list(compress(tried, clear))
         if not sure:
             break
         *_, best, extra = min(sure, key=lambda entry: entry[0])
         found.append(best)
     return tuple(_measure_values(rows, found))
-
-
-def _is_clear(p: float, fall: float) -> bool:
-    """Return whether squares fell surely, and by more than what does no harm."""
-    return p < POLICY.alarm and fall * (1.0 - POLICY.relevance) > 1.0
 
 
 def _find_order(theta: FloatArray, errors: FloatArray) -> float:

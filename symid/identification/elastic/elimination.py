@@ -227,9 +227,8 @@ def choose_sliding_rows(
     """Return the rows without motors so slow that the estimate moves when they are left out, and the limit.
 
     Friction near rest is no function of the speed (presliding, Stribeck). The least limit is taken at which
-    the estimate agrees with those of all larger ones (Hausman 1978); weights are those of the largest. It is
-    a share of the joints' RMS speeds, 0 where all rows stay. The test looks along all directions of the
-    parameters alike: what friction near rest moves, inertias, is little of the torque.
+    the estimate agrees with those of all larger ones in all directions (Hausman 1978); weights are those of
+    the largest. It is a share of the joints' RMS speeds, 0 where all rows stay.
     """
     blocks = POLICY.folds * POLICY.parts
     sets = [rows.select(rows.slide >= level) for level in range(len(SHARES) + 1)]

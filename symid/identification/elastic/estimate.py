@@ -316,11 +316,8 @@ def compute_covariance(
 ) -> FloatArray:
     """Return the covariance (p, p) of a least-squares fit, with infinite variances where not identifiable.
 
-    It is zero for those of the `known` (p,) that are no NaN.
-
     G = (F'F)^-1 of rows F (m, p) for noise of size one; with errors e (m,), in the order of time,
-    G (sum_b F_b' e_b e_b' F_b) G over blocks b, which holds for noise that differs from row to row and is
-    correlated within blocks (Liang and Zeger 1986).
+    G (sum_b F_b' e_b e_b' F_b) G over blocks b. It is zero for those of the `known` (p,) that are no NaN.
     """
     if known is not None and not np.all(np.isnan(known)):
         free = np.flatnonzero(np.isnan(known))
@@ -387,12 +384,8 @@ def measure_spring_spread(
 
     The slope is the largest one, of springs without branches that near zero.
 
-    Args:
-        spring: N m/rad or N/m.
-        compute: returns F[torque] (M,) of another spring at the rows of every recording, N m or N.
-        columns: (M, p) of the links' parameters there.
-        errors: (M,) what the spring leaves, N m or N.
-        covariance: (p, p) of these parameters, finite.
+    Of every recording, `compute` returns F[torque] (M,) of another spring, `columns` (M, p) are those of the
+    links' parameters, `errors` (M,) what the spring leaves; N m or N. `covariance` (p, p) is finite.
     """
     whole = differentiate_spring(spring, lambda moved: np.concatenate(compute(moved)))
     slopes = differentiate_spring(spring, lambda moved: np.array([_get_slope(moved)]))[0]

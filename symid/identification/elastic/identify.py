@@ -78,9 +78,6 @@ def _list_springs(
         )
 
 
-_INSEPARABLE = "not identifiable: these motions do not separate it from others"
-
-
 def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapping[int, Notice]:
     """Return, by joint, why its torsion cannot be used; for raised errors see `prepare_methods`."""
     card = library.card
@@ -165,14 +162,10 @@ def warn_of_fit(
     poses = [Recording(time=part.time, position=part.q, torque=part.tau) for part in work.problem.signals]
     return (
         *notices,
-        *_warn_of_energy(work, fit),
+        *(warn_of_energy(work.problem.sizes[1]) if fit.method in methods.ENERGY_METHODS else ()),
         *_warn_of_springs(work, fit, refused),
         *warn_of_mass_matrix(library, fit.beta, poses),
     )
-
-
-def _warn_of_energy(work: methods.ElasticEquations, fit: estimate.MethodFit) -> tuple[Notice, ...]:
-    return warn_of_energy(work.problem.sizes[1]) if fit.method in methods.ENERGY_METHODS else ()
 
 
 def list_unknown_parameters(work: methods.ElasticEquations, fit: estimate.MethodFit) -> dict[str, str]:
@@ -348,15 +341,16 @@ def _build_estimate(
             springs[joint] = Notice(code="elastic.no-spring", text=text)
     springs = dict(sorted(springs.items()))
     if len(springs) == sum(problem.gives):
-        raise IdentifiabilityError(*springs.values(), *_warn_of_energy(work, fit))
+        energy = warn_of_energy(problem.sizes[1]) if fit.method in methods.ENERGY_METHODS else ()
+        raise IdentifiabilityError(*springs.values(), *energy)
     columns = zip(joints, left.T, problem.stack_filtered()[1].T, strict=True)
     warnings = warn_of_fit(work, fit, springs)
     # Rotors of rigid joints have a place in chi only.
     shown = np.flatnonzero(~regression.mark_rigid_rotors(library.card)).tolist()
     covariance = None if fit.covariance is None else np.asarray(fit.covariance)[np.ix_(shown, shown)]
-    refused = list_unknown_parameters(work, fit) | {
-        card.name: _INSEPARABLE for card, known in zip(cards, identifiable, strict=True) if not known
-    }
+    text = "not identifiable: these motions do not separate it from others"
+    mixed = (card.name for card, known in zip(cards, identifiable, strict=True) if not known)
+    refused = list_unknown_parameters(work, fit) | dict.fromkeys(mixed, text)
     return estimate.ElasticEstimate(
         robot=library.card.robot,
         signature=library.card.signature,

@@ -1,27 +1,19 @@
 """Dynamics, friction and hysteresis together, in one constrained problem: the one-shot reference.
 
-As functions of arrays, fitted in rounds:
+As functions of arrays, the cost and unknowns of `nlp_cost`, fitted in rounds:
 
     rounds       minimise sum_b |r_b|^2 / sigma_b^2 by Ipopt, then sigma_b <- rms r_b, until nothing moves
     places       those of a start move between rounds: [dx; dr] = -H^-1 g,
                  H = sum J'J / sigma^2, g = sum J'r / sigma^2
     certificate  kkt = max_i |z_i - min(u_i, max(l_i, z_i - df/dz_i))|
 
-Unknowns, those of `nlp_cost`, are scaled by the lengths of their columns at the start, x = d z; all
-constraints are bounds. Stops and knees that are given, or on a grid, stay; knees of a grid follow the torque
-that the springs reach.
+Unknowns are scaled by the lengths of their columns at the start, x = d z; all constraints are bounds. Stops
+and knees that are given, or on a grid, stay; knees of a grid follow the torque that the springs reach.
 
-As expressions of CasADi, the last round open to further unknowns, torques, terms and constraints:
-
-    cost         1 / (2 M) sum_b |r_b|^2 / sigma_b^2 + added terms
-    knee         step mean of its dead zone from excess a to b: max(a, b)^2 / (2 |b - a|) where only one of
-                 them is positive, else (max(a, 0) + max(b, 0)) / 2
-    play         P_k = max(x_k - r, min(x_k + r, P_k-1)), one step mapped over the samples
-
-Columns of what is linear in the unknowns, generated functions of the robot among them, are numbers there,
-because states are measured. The rest is expressions over samples, added up to rows by sparse matrices;
-derivatives, second ones too, are CasADi's. Weights of rows, stops and torques of knees are those of the fit.
-An added torque stands beside the spring with its knees; its work in energy rows is a sum of trapezoids.
+As expressions of CasADi, the last round open to further unknowns, torques, terms and constraints: columns of
+what is linear in the unknowns are numbers, because states are measured; the rest is expressions over samples,
+added up to rows by sparse matrices; derivatives are CasADi's. Weights of rows, stops and torques of knees are
+those of the fit. An added torque stands beside the spring; its work in energy rows is a sum of trapezoids.
 
 Supported: energy, filtered, momentum rows; Stribeck friction; odd springs; exact, Gauss-Newton Hessians;
 torques of any unknowns added to a spring or a motor, such as damping, a cubic spring, a stop whose threshold

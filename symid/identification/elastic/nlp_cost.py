@@ -15,16 +15,13 @@ Between samples v is a straight line, and the mean of S_j over a step is that al
 beyond the knee q w / 2 with w = q / (q - p), both beyond (p + q) / 2. So it has continuous derivatives in k,
 and its second derivative is of rank one, s_j Phi_c Phi_c' / |q - p| at the crossing c.
 
-Unknowns and cost:
-
     x = [beta, IA, friction | Fs_i, vs_i | k0 .. km of joint 1, .. | slopes c of joint 1, ..]
     f(x) = 1 / (2 M) sum_b |r_b(x)|^2 / sigma_b^2,   M rows in all, sigma_b of block b
-    H = 1 / M sum_b J_b' J_b / sigma_b^2 + 1 / M sum_b sum_i r_bi / sigma_b^2 d2 r_bi
     covariance  H^-1 (sum_b g_b g_b') H^-1,  H = sum J'J / sigma^2,  g_b = sum of J'r / sigma^2 over stretch b
 
 The slope of the outer function is one at v = 0, which fixes the scale of the weights, and c_j beyond its
-j-th knee on each side: rising and passive means c_j > 0 and k_i >= 0. The first term of H alone is the
-Gauss-Newton Hessian. Rows within a stretch of time share the same noise (Liang and Zeger 1986).
+j-th knee on each side: rising and passive means c_j > 0 and k_i >= 0. Rows within a stretch of time share the
+same noise (Liang and Zeger 1986).
 
 Supported: all kinds of rows in any combination; knees with slopes of their own on both sides, or odd
 springs whose sides share them; unknowns at bounds or without effect, which count as known in the covariance.
@@ -170,8 +167,6 @@ def build_knee_steps(basis: FloatArray, weights: FloatArray, knees: Sequence[tup
 
 
 _BuildColumns = Callable[[FloatArray, FloatArray], FloatArray]
-_TorqueRows = tuple[FloatArray, FloatArray, FloatArray, _BuildColumns, StepSums]
-"""Design (M, n, p + n + pf), torque and drag of the links (M, n), and how springs get there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -260,8 +255,8 @@ def build_nlp_recording(
         def pass_basis(_: FloatArray, basis: FloatArray) -> FloatArray:
             return filter_smooth(basis, rate, signals.period)[keep]
 
-        filtered = rows.design, rows.torque, rows.drag, pass_basis, passed
-        blocks += _join_blocks(problem, bases, filtered)
+        filtered = rows.design, rows.torque, rows.drag
+        blocks += _join_blocks(problem, bases, filtered, pass_basis, passed)
     if "momentum" in kinds:
         sums = build_window_sums(ends, np.full(len(signals.time) - 1, signals.period))
 
@@ -271,14 +266,13 @@ def build_nlp_recording(
         design = regression.build_equations(
             problem.library, signals, lambda values: np.diff(values[ends], axis=0), add
         )
-        impulse, drag = sums.add(signals.step_torque), add(signals.link_drag)
         slides = None
         if np.any(problem.limits):
             # About the middle of a window in which a motor slides from end to end, all of it counts.
             sliding = regression.mark_sliding(signals, ends.step * signals.period, problem.limits)[ends]
             slides = sliding[:-1] & sliding[1:]
-        momentum = design, impulse, drag, lambda _, basis: add(basis), sums
-        blocks += _join_blocks(problem, bases, momentum, slides)
+        momentum = design, sums.add(signals.step_torque), add(signals.link_drag)
+        blocks += _join_blocks(problem, bases, momentum, lambda _, basis: add(basis), sums, slides=slides)
     return NlpRecording(blocks=tuple(blocks), bases=bases, phi=phi, speed=signals.dtheta)
 
 
@@ -306,12 +300,17 @@ def move_stops(recording: NlpRecording, moves: Sequence[Mapping[int, float]]) ->
 def _join_blocks(
     problem: regression.ElasticProblem,
     bases: Sequence[FloatArray],
-    rows: _TorqueRows,
+    rows: tuple[FloatArray, FloatArray, FloatArray],
+    build: _BuildColumns,
+    sums: StepSums,
+    *,
     slides: NDArray[np.bool_] | None = None,
 ) -> Iterator[RowBlock]:
-    """Yield the blocks of motors, empty without `slides` (M, n), and links; of rigid joints one."""
-    design, torque, drag, build, sums = rows
-    count = problem.sizes[0]
+    """Yield the blocks of motors, empty without `slides` (M, n), and links; of rigid joints one.
+
+    `rows`: design (M, n, p + n + pf), torque and drag of the links (M, n); `build` and `sums` of springs.
+    """
+    (design, torque, drag), count = rows, problem.sizes[0]
     for joint, basis in enumerate(bases):
         columns, gives = build(np.zeros(0), basis), problem.gives[joint]
         kept = np.ones(len(torque), dtype=bool) if slides is None else slides[:, joint]

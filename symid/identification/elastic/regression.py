@@ -364,10 +364,8 @@ def join_rigid_joints(
             notices.append(Notice(code="log.rigid-joint", text=text, file=recording.source))
         taken = np.where(moves[0], first, second)
         one, other = (np.where(rigid, taken, side) for side in (first, second))
-        if recording.motor_position is None:
-            joined.append(replace(recording, position=one, link_position=other))
-        else:
-            joined.append(replace(recording, position=one, motor_position=other))
+        further = "link_position" if recording.motor_position is None else "motor_position"
+        joined.append(replace(recording, **{"position": one, further: other}))
     return tuple(joined), tuple(notices)
 
 
@@ -382,11 +380,10 @@ def choose_cutoff(recording: Recording) -> float:
     The noise of a velocity by central differences is sigma / (sqrt(2) T): less than `relevance`^2 of the
     speed does no harm. A joint at rest has none to compare with; the fastest joint gives the scale.
     """
-    for side in get_encoder_positions(recording):
-        speed = np.max(np.sqrt(np.mean(np.diff(side, axis=0) ** 2, axis=0)))
-        if np.max(measure_noise(side)) / np.sqrt(2.0) >= POLICY.relevance**2 * max(speed, numerics.TINY):
-            break
-    else:
+    sides = get_encoder_positions(recording)
+    speeds = [np.max(np.sqrt(np.mean(np.diff(side, axis=0) ** 2, axis=0))) for side in sides]
+    noises = [np.max(measure_noise(side)) / np.sqrt(2.0) for side in sides]
+    if np.all(np.array(noises) < POLICY.relevance**2 * np.maximum(speeds, numerics.TINY)):
         return 0.0
     edge = choose_edge(recording.period, measure_motion_band([recording]))
     return min(_ABOVE * edge, POLICY.row_band / recording.period)

@@ -2,14 +2,12 @@
 
 Two steps, hysteresis given the dynamics, dynamics given the hysteresis:
 
-    initialisation   y = Yd chi + sum_i k_i Delta(phi_i^2) / 2        linear springs, least squares
     H-step           spring_i <- min |F[tau_Ji](chi) - F[spring(phi_i)]|, torque of the motor equation
     X-step           chi <- min |y - W_e(springs) - Yd chi|, signs constrained
     same cost        min |y - Yd chi - Ae k|^2 over k and chi in turn; no bounds
 
 A step whose merit rises by what matters is halved; without convergence the iterate of least merit is
-kept. With the same cost it is block coordinate descent, whose error falls by cos^2 of the smallest principal
-angle between the column spaces of Yd and Ae (von Neumann).
+kept. With the same cost it is block coordinate descent.
 
 Simultaneous, for springs of any kind, by Gauss and Newton:
 

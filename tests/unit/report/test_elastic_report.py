@@ -386,7 +386,7 @@ def predict(library, stiffness=STIFFNESS, truth=None, **options):
     estimate = build_estimate()
     spring = replace(estimate.springs[0], elasticity=Elasticity(stiffness=stiffness), truth=truth)
     estimate = replace(estimate, springs=(spring,) if stiffness else ())
-    return evaluate_elastic(estimate, library, build_log(), **options)
+    return evaluate_elastic(estimate, library, build_log("another"), **options)
 
 
 def test_true_parameters_leave_nothing_and_a_wrong_spring_is_seen(library):
