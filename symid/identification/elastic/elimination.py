@@ -64,6 +64,11 @@ class BandRows(NamedTuple):
         """Return the rows of a mask (m,)."""
         return BandRows(*(part[kept] for part in self))
 
+    def weigh(self, scatter: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return design and torque over the `scatter` (g,) of their groups."""
+        weights = 1.0 / scatter[self.group]
+        return self.design * weights[:, None], self.torque * weights
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BandFit:
@@ -97,11 +102,16 @@ def solve_weighted(
     return values, errors, scatter
 
 
-def fit_band(card: ModelCard, rows: BandRows, known: FloatArray | None = None) -> BandFit:
-    """Return the weighted least-squares fit; `known` is that of `solve_with_signs`."""
+def fit_band(
+    card: ModelCard, rows: BandRows, known: FloatArray | None = None, scatter: FloatArray | None = None
+) -> BandFit:
+    """Return the least-squares fit over `scatter` (g,), its own where None; `known` as `solve_with_signs`."""
     solve = partial(regression.solve_with_signs, card, known=known)
-    chi, _, scatter = solve_weighted(solve, *rows[:3])
-    covariance = compute_covariance(rows.design / scatter[rows.group][:, None], known=known)
+    if scatter is None:
+        chi, _, scatter = solve_weighted(solve, *rows[:3])
+    else:
+        chi = solve(*rows.weigh(scatter))
+    covariance = compute_covariance(rows.weigh(scatter)[0], known=known)
     return BandFit(chi=chi, covariance=covariance, scatter=scatter)
 
 
@@ -244,20 +254,12 @@ def choose_sliding_rows(
     fast, whole = (fit_band(card, sets[level], known).scatter for level in (usable[-1], 0))
     fast = np.pad(fast, (0, len(whole) - len(fast)))
     scatter = np.where(sizes[usable[-1]] >= blocks, fast, whole)
-    fits = [_fit_with(card, sets[level], scatter, known) for level in usable]
+    fits = [fit_band(card, sets[level], known, scatter) for level in usable]
     for number, fit in enumerate(fits):
         level, chances = usable[number], [_compute_chance(fit, other) for other in fits[number + 1 :]]
         if min(adjust_chances(chances), default=1.0) >= POLICY.alarm:
             break
     return sets[level], (0.0, *SHARES)[level]
-
-
-def _fit_with(card: ModelCard, rows: BandRows, scatter: FloatArray, known: FloatArray | None) -> BandFit:
-    """Return the fit of rows whose groups have a `scatter` (g,) that is given."""
-    weights = 1.0 / scatter[rows.group]
-    design, torque = rows.design * weights[:, None], rows.torque * weights
-    chi = regression.solve_with_signs(card, design, torque, known)
-    return BandFit(chi=chi, covariance=compute_covariance(design, known=known), scatter=scatter)
 
 
 def _compute_chance(fit: BandFit, other: BandFit) -> float:

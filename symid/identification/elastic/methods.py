@@ -254,8 +254,7 @@ def build_linear_rows(work: ElasticEquations, fit: estimate.MethodFit) -> togeth
     """Return the equations that are linear in the dynamics of `fit`, its springs given."""
     problem, band = work.problem, work.rows
     if fit.method == "weighted":
-        weights = 1.0 / work.band.scatter[band.group]
-        return together.LinearRows(band.design * weights[:, None], band.torque * weights, band.time)
+        return together.LinearRows(*band.weigh(work.band.scatter), band.time)
     if fit.method in ENERGY_METHODS:
         pairs = zip(problem.signals, problem.energy, strict=True)
         times = [(np.arange(len(part.time)) / len(part.time))[rows.ends][:-1] for part, rows in pairs]
@@ -439,10 +438,9 @@ def list_contradicted(work: ElasticEquations) -> tuple[float, tuple[tuple[str, f
     if not np.any(told):
         return 0.0, ()
     alone = elimination.fit_band(card, work.rows, unknown)
-    weights = 1.0 / alone.scatter[work.rows.group]
-    design, errors = work.rows.design * weights[:, None], work.rows.torque - work.rows.design @ alone.chi
+    design, torque = work.rows.weigh(alone.scatter)
     # Noise that is not white must not look like a contradiction.
-    spread = estimate.compute_covariance(design, errors * weights, unknown)
+    spread = estimate.compute_covariance(design, torque - design @ alone.chi, unknown)
     known = np.flatnonzero(told & np.isfinite(np.diag(spread)))
     apart, spread = (alone.chi - problem.known)[known], spread[np.ix_(known, known)]
     sizes = np.abs(_find_sure(apart, spread)) / (POLICY.relevance * _measure_sizes(work, alone.chi)[known])

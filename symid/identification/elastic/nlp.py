@@ -271,7 +271,7 @@ def prepare_setting(problem: ElasticProblem, options: NlpOptions, begin: MethodF
         recordings=tuple(build_nlp_recording(problem, i, thresholds, options.rows) for i in numbers),
         thresholds=thresholds,
         knees=knees,
-        stiffness=np.maximum(whole, 1e-6 * max(float(whole.max()), 1e-6)),
+        stiffness=np.maximum(whole, numerics.CONVERGED * max(float(whole.max()), numerics.CONVERGED)),
     )
 
 

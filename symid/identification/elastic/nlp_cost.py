@@ -59,14 +59,10 @@ class StepSums:
 
     def add(self, steps: FloatArray) -> FloatArray:
         """Return the rows of step means."""
-        flat, count = steps.reshape(len(steps), -1), self.inflow.shape[0]
+        rows = self.inflow @ steps.reshape(len(steps), -1)
         if self.kept:
-            rows = scipy.signal.lfilter([1.0], [1.0, -self.kept], self.inflow @ flat, axis=0)
-        else:
-            # Windows are of one length.
-            blocks = flat[self.inflow.indices].reshape(count, -1, flat.shape[1])
-            rows = np.matmul(self.inflow.data.reshape(count, 1, -1), blocks)
-        return np.asarray(rows).reshape(count, *steps.shape[1:])
+            rows = scipy.signal.lfilter([1.0], [1.0, -self.kept], rows, axis=0)
+        return np.asarray(rows).reshape(-1, *steps.shape[1:])
 
     def spread(self, rows: FloatArray) -> FloatArray:
         """Return the steps (N - 1,) that the adjoint makes of rows (M,)."""
@@ -565,8 +561,6 @@ class ElasticNlpCost:
             means = tuple(regression.average_steps(np.column_stack(derivatives)) for derivatives in rates)
             pairs = zip(steps, layout.springs, strict=True)
             slopes = [entry.compute_slopes(spring.compute_changes(x)) for entry, spring in pairs]
-            # Rows of knees are added up once for all blocks that use them.
-            known: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}
             for block in part.blocks:
                 residual = block.values - block.matrix @ x[layout.dynamics]
                 alive = np.flatnonzero(np.any(block.matrix, axis=0))
@@ -575,13 +569,9 @@ class ElasticNlpCost:
                     place = layout.springs[entry.joint]
                     torque, slope = entry.columns @ x[place.weights], entry.columns
                     if place.knees:
-                        key = entry.joint, id(entry.sums)
-                        if key not in known:
-                            pair = steps[entry.joint].means, slopes[entry.joint]
-                            known[key] = entry.sums.add(pair[0]), entry.sums.add(pair[1])
-                        rows, bends = known[key]
+                        rows = entry.sums.add(steps[entry.joint].means)
                         torque = torque + rows @ place.compute_changes(x)
-                        slope = slope + bends
+                        slope = slope + entry.sums.add(slopes[entry.joint])
                         own.append(np.arange(place.slopes.start, place.slopes.stop))
                         columns.append(-block.sign * rows @ place.changes)
                     residual = residual - block.sign * torque
