@@ -320,8 +320,7 @@ def _ramp(algebra: Carrier[V], distance: V, inverse: V) -> V:
 def _integrate_ramp(algebra: Carrier[V], distance: V, step: V, height: V) -> V:
     """Return the integral of ramp up to `distance`, where it has the value `height`."""
     beyond = algebra.maximum(algebra.sub(distance, step), algebra.zero)
-    rising = algebra.scale(0.5, algebra.mul(step, algebra.mul(height, height)))
-    return algebra.add(rising, beyond)
+    return algebra.add(algebra.scale(0.5, algebra.mul(step, algebra.mul(height, height))), beyond)
 
 
 _SUBSTEPS = 4
@@ -612,9 +611,8 @@ class AttractedSlip:
             senses.append(
                 algebra.add(algebra.mul(rest, sense), algebra.mul(sign, algebra.maximum(slips, begins)))
             )
-            force = algebra.mul(values[f"k{number}"], bends[-1])
-            forces.append(force)
-            energies.append(algebra.scale(0.5, algebra.mul(force, bends[-1])))
+            forces.append(algebra.mul(values[f"k{number}"], bends[-1]))
+            energies.append(algebra.scale(0.5, algebra.mul(forces[-1], bends[-1])))
         total = add_all(algebra, energies)
         return BranchStep(force=add_all(algebra, forces), states=(*bends, *senses), stored=total)
 

@@ -69,8 +69,7 @@ def compute_bristle_rate(
 
     `values` are the parameters in the order of the law.
     """
-    bent = algebra.mul(values[0], state)
-    share = algebra.div(bent, law.level(algebra, velocity, values))
+    share = algebra.div(algebra.mul(values[0], state), law.level(algebra, velocity, values))
     return algebra.sub(velocity, algebra.mul(algebra.absolute(velocity), share))
 
 

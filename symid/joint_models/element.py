@@ -201,8 +201,8 @@ def _compute_stored(
     if not (terms.above or terms.below):
         parts = [algebra.mul(terms.stiffness, halve_square(position))]
         if terms.cubic is not None:
-            square = algebra.mul(position, position)
-            parts.append(algebra.scale(0.5, algebra.mul(terms.cubic, halve_square(square))))
+            quartic = halve_square(algebra.mul(position, position))
+            parts.append(algebra.scale(0.5, algebra.mul(terms.cubic, quartic)))
         pairs = zip(terms.stops, plays, strict=True)
         parts += [algebra.mul(k, halve_square(algebra.sub(position, play))) for (_, k), play in pairs]
         return branches.add_all(algebra, parts)
@@ -301,9 +301,7 @@ def invert_step(
     `values` and `states`, before the step, are those of `advance_element`, which then moves the states there.
     """
     terms = _gather_spring(elasticity, values, algebra)
-    weights = [branches.add_all(algebra, [terms.stiffness, *(k for _, k in terms.stops)])]
-    weights += [algebra.sub(algebra.zero, k) for _, k in terms.stops]
-    plays = elements.Plays(weights=tuple(weights), thresholds=tuple(r for r, _ in terms.stops))
+    plays = elements.gather_plays(algebra, terms)
     memory = elements.invert_plays_memory(algebra, plays, states[1:])
     goal = algebra.sub(output, values["offset"]) if elasticity.offset else output
     found, _ = elements.advance_inverse_spring(algebra, elements.invert_spring(algebra, terms), goal, memory)

@@ -177,8 +177,8 @@ def advance_spring(
     """
     inner, plays = algebra.mul(spring.stiffness, torsion), []
     if spring.cubic is not None:
-        square = algebra.mul(torsion, torsion)
-        inner = algebra.add(inner, algebra.mul(spring.cubic, algebra.mul(square, torsion)))
+        cube = algebra.mul(algebra.mul(torsion, torsion), torsion)
+        inner = algebra.add(inner, algebra.mul(spring.cubic, cube))
     for (threshold, stiffness), before in zip(spring.stops, memory, strict=True):
         plays.append(compute_play(algebra, torsion, threshold, before))
         inner = algebra.add(inner, algebra.mul(stiffness, algebra.sub(torsion, plays[-1])))
@@ -207,11 +207,15 @@ def invert_spring(algebra: Carrier[V], spring: SpringTerms[V]) -> tuple[Plays[V]
     The outer function of the inverse comes first and has slope one at zero; then the plays:
     phi = w'_0 v + sum_i w'_i P'_i[v] with v = S^-1(tau). The cubic part must be absent.
     """
+    above, below = (invert_pieces(algebra, algebra.one, side) for side in (spring.above, spring.below))
+    return invert_plays(algebra, gather_plays(algebra, spring)), above, below
+
+
+def gather_plays(algebra: Carrier[V], spring: SpringTerms[V]) -> Plays[V]:
+    """Return the plays of a spring: w_0 = k0 + sum k_i, w_i = -k_i."""
     first = reduce(algebra.add, (stiffness for _, stiffness in spring.stops), spring.stiffness)
     weights = (first, *(algebra.sub(algebra.zero, stiffness) for _, stiffness in spring.stops))
-    plays = Plays(weights=weights, thresholds=tuple(threshold for threshold, _ in spring.stops))
-    above, below = (invert_pieces(algebra, algebra.one, side) for side in (spring.above, spring.below))
-    return invert_plays(algebra, plays), above, below
+    return Plays(weights=weights, thresholds=tuple(threshold for threshold, _ in spring.stops))
 
 
 def invert_pieces(algebra: Carrier[V], slope: V, terms: Terms[V]) -> Terms[V]:
