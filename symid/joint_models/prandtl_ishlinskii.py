@@ -197,12 +197,10 @@ def compute_clamps(
     return np.ascontiguousarray(states.transpose(1, 0, 2)).reshape(-1, state.size)[:count]
 
 
-def compute_stop_basis(
-    phi: FloatArray, thresholds: FloatArray, memory: FloatArray | None = None
-) -> FloatArray:
+def compute_stop_basis(phi: FloatArray, thresholds: FloatArray) -> FloatArray:
     """Return [phi, E_1 .. E_m] (N, m + 1); times k0, k_1 .. k_m they are the torque without knees."""
     phi = np.asarray(phi, dtype=np.float64)[:, None]
-    return np.hstack([phi, phi - compute_plays(phi[:, 0], thresholds, memory)])
+    return np.hstack([phi, phi - compute_plays(phi[:, 0], thresholds)])
 
 
 def compute_play_output(model: PlayModel, values: FloatArray, memory: FloatArray | None = None) -> FloatArray:

@@ -20,7 +20,7 @@ Not supported: ripple that grows with the load; encoders that run late (align th
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import compress
 from typing import Any, NamedTuple
@@ -29,7 +29,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays
+from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.identification.elastic.elimination import compute_speeds, filter_band, solve_weighted
 from symid.identification.elastic.estimate import STEP, compute_covariance, differentiate_spring
@@ -54,8 +54,7 @@ _TURNS = 10.0
 """Periods of a wave within the range of a joint, at least: what friction and springs miss is longer."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Rows(FrozenArrays):
+class _Rows(NamedTuple):
     """Rows of all recordings, design @ chi = torque, and where each stands.
 
     Args:
@@ -136,9 +135,8 @@ def _build_rows(
         places.append((place, kept))
         values = (design, torque, number * size + joint, joint, part, own.theta[place])
         columns.append([entry[kept] for entry in values])
-    names = ("design", "torque", "group", "joint", "part", "theta")
-    rows = dict(zip(names, map(np.concatenate, zip(*columns, strict=True)), strict=True))
-    return _Rows(signals=tuple(signals), edge=edge, places=tuple(places), **rows)
+    whole = map(np.concatenate, zip(*columns, strict=True))
+    return _Rows(tuple(signals), edge, *whole, places=tuple(places))
 
 
 def measure_effects(
@@ -239,9 +237,9 @@ def _measure_values(rows: _Rows, found: Sequence[DriveEffect]) -> Iterator[Drive
         if not late:
             return rows, np.hstack(others)
         signals = tuple(replace(part, tau=shift_channel(part.time, part.tau, -lag)) for part in rows.signals)
-        moved = replace(rows, signals=signals)
+        moved = rows._replace(signals=signals)
         torque = moved.stack([part.centred_torque[..., None] for part in signals])[:, 0]
-        return replace(moved, torque=torque), np.hstack([moved.build(ordered[0]), *others])
+        return moved._replace(torque=torque), np.hstack([moved.build(ordered[0]), *others])
 
     def leave(lag: float) -> float:
         moved, extra = move(lag)
