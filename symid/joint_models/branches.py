@@ -117,9 +117,8 @@ class SlipSpring:
         if not all(map(math.isfinite, (*self.deflections, *self.forces))):
             mistakes.append("numbers of a slip spring must be finite")
         if not min(self.falls) >= 0.0:
-            mistakes.append(
-                "falls of a slip spring must not be negative; viscous damping rises with the speed"
-            )
+            text = "falls of a slip spring must not be negative; viscous damping rises with the speed"
+            mistakes.append(text)
         refuse_element(mistakes)
 
     @property

@@ -86,10 +86,8 @@ def build_float_carrier() -> OperatorCarrier[float]:
     def sign(value: float) -> float:
         return math.copysign(1.0, value) if value else 0.0
 
-    functions = {name: getattr(math, name) for name in ("exp", "tanh", "sin", "cos")}
-    return OperatorCarrier(
-        zero=0.0, one=1.0, sign=sign, maximum=max, minimum=min, power=math.pow, **functions
-    )
+    others = {name: getattr(math, name) for name in ("exp", "tanh", "sin", "cos")}
+    return OperatorCarrier(zero=0.0, one=1.0, sign=sign, maximum=max, minimum=min, power=math.pow, **others)
 
 
 _FUNCTIONS = ("exp", "tanh", "sin", "cos", "sign")
@@ -97,9 +95,8 @@ _FUNCTIONS = ("exp", "tanh", "sin", "cos", "sign")
 
 def _read_functions(module: Any, *bounds: str) -> dict[str, Any]:  # noqa: ANN401 - numpy, sympy or casadi
     """Return the functions of a module, `bounds` its names of |x|, the larger and the smaller of two."""
-    names = {name: name for name in _FUNCTIONS} | dict(
-        zip(("absolute", "maximum", "minimum"), bounds, strict=False)
-    )
+    pairs = zip(("absolute", "maximum", "minimum"), bounds, strict=False)
+    names = {name: name for name in _FUNCTIONS} | dict(pairs)
     return {name: getattr(module, own) for name, own in names.items()}
 
 

@@ -146,9 +146,8 @@ def check_dynamic_values(law: DynamicLaw, values: Sequence[float]) -> None:
             text = f": {parameter.name} ({parameter.meaning}) must be {bound} {parameter.lower:g}{upper}"
             mistakes.append(f"{text}, got {value:g}")
     if mistakes:
-        raise UsageError(
-            *(Notice(code="joint.friction-values", text=f"friction {law.name!r}{text}") for text in mistakes)
-        )
+        texts = (f"friction {law.name!r}{text}" for text in mistakes)
+        raise UsageError(*(Notice(code="joint.friction-values", text=text) for text in texts))
 
 
 def get_dynamic_law(name: str) -> DynamicLaw:

@@ -261,9 +261,7 @@ def find_least_slope(elasticity: elements.Elasticity) -> float:
 
 def find_most_slope(elasticity: elements.Elasticity) -> float:
     """Return a bound above of dy/dx at a held speed, its cubic part and damping left out, N m/rad or N/m."""
-    knees = (
-        math.fsum(knee.slope for knee in elasticity.knees if knee.threshold * side > 0.0) for side in (1, -1)
-    )
+    knees = (math.fsum(k.slope for k in elasticity.knees if k.threshold * side > 0.0) for side in (1, -1))
     slopes = math.fsum(branch.most_slope for branch in elasticity.branches)
     return (elasticity.initial_stiffness or 0.0) * (1.0 + max(0.0, *knees)) + slopes
 

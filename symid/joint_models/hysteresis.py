@@ -121,9 +121,8 @@ def compute_catalogue_knees(stiffnesses: Sequence[float], torques: Sequence[floa
     far = torques[0] + (torques[1] - torques[0]) * first / second
     pairs = ((torques[0], (second - first) / first), (far, (third - second) / first))
     sides = (-1.0, 1.0)
-    return tuple(
-        sorted(Knee(threshold=s * place, slope=slope) for place, slope in pairs for s in sides if slope)
-    )
+    found = (Knee(threshold=s * place, slope=slope) for place, slope in pairs for s in sides if slope)
+    return tuple(sorted(found))
 
 
 V = TypeVar("V")

@@ -424,9 +424,8 @@ def measure_eccentricity(
         # Where a joint turns little, a wave far longer than its torsion would do for a spring.
         small = math.hypot(*values) < 0.5 * float(np.ptp(torsion))
         if small and gain.p_of_all < POLICY.alarm and gain.fall_of_all > _WAVE:
-            found.append(
-                DriveEffect(kind="link-eccentricity", joint=joint, order=1.0, values=tuple(values.tolist()))
-            )
+            ends = tuple(values.tolist())
+            found.append(DriveEffect(kind="link-eccentricity", joint=joint, order=1.0, values=ends))
     return tuple(found)
 
 
@@ -485,7 +484,6 @@ def measure_offsets(
         # The load explains no more than how far it is bent.
         if low <= offset <= high:
             half = 0.5 * (high - low)
-            found.append(
-                DriveEffect(kind="torsion-offset", joint=joint, values=(middle,), deviations=(half,))
-            )
+            own = DriveEffect(kind="torsion-offset", joint=joint, values=(middle,), deviations=(half,))
+            found.append(own)
     return tuple(found)

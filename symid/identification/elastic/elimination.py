@@ -196,9 +196,8 @@ def build_band_rows(library: Library, signals: Sequence[regression.ElasticSignal
         edge = regression.choose_edge(part.period, band)
         keep, design, torque = filter_band(library, part, edge)
         time = np.repeat(np.arange(len(part.time))[keep] / len(part.time), joints)
-        slide = np.sum(
-            [regression.mark_sliding(part, 1.0 / edge, share * speeds)[keep] for share in SHARES], axis=0
-        )
+        slides = [regression.mark_sliding(part, 1.0 / edge, share * speeds)[keep] for share in SHARES]
+        slide = np.sum(slides, axis=0)
         group = np.broadcast_to(number * joints + np.arange(joints), torque.shape)
         whole = design.reshape(-1, design.shape[2])
         parts.append((whole, torque.ravel(), group.ravel(), time, slide.ravel()))
@@ -311,9 +310,7 @@ def fit_independent(problem: regression.ElasticProblem, *, encoder: bool = False
     speeds = [compute_speeds([part]) for part in problem.signals]
     springs = []
     for joint in range(problem.sizes[1]):
-        moves = [
-            number for number in apart if speeds[number][joint] > regression.MOVES * speeds[number].max()
-        ]
+        moves = [i for i in apart if speeds[i][joint] > regression.MOVES * speeds[i].max()]
         used = moves or list(apart)
         signals, rows = [problem.signals[i] for i in used], [problem.filtered[i] for i in used]
         parts = [np.ascontiguousarray(torsions[number][:, joint]) for number in used]

@@ -191,9 +191,8 @@ class ElasticEstimate(DynamicsRecord):
     def list_mistakes(self) -> list[str]:
         """Return what is wrong with a record from a file: entries that do not fit each other."""
         mistakes = DynamicsRecord.list_mistakes(self)
-        counts = dict.fromkeys(regression.WAVES, 2) | dict.fromkeys(
-            ("torque-lag", "link-friction", "torsion-offset"), 1
-        )
+        single = ("torque-lag", "link-friction", "torsion-offset")
+        counts = dict.fromkeys(regression.WAVES, 2) | dict.fromkeys(single, 1)
         for effect in self.effects:
             count, joints = counts.get(effect.kind), range(-1, len(self.residual))
             whole = len(effect.values) == len(effect.deviations) == count and effect.joint in joints
@@ -465,11 +464,10 @@ def compute_spring_bound(
         drive = _build_exact(library, part)[:, :, beta:]
         motor.append(np.concatenate([drive, torques], axis=2) / sigma[:, None])
         # Of links and springs, integrated over windows.
+        add = partial(_integrate, period=part.period)
         ends = slice(None, None, max(1, round(ElasticOptions().window / part.period)))
-        links = regression.build_equations(
-            library, part, np.asarray, partial(_integrate, period=part.period), ends
-        )
-        link.append(np.concatenate([links[:, :, :beta], -_integrate(torques, part.period)[ends]], axis=2))
+        links = regression.build_equations(library, part, np.asarray, add, ends)
+        link.append(np.concatenate([links[:, :, :beta], -add(torques)[ends]], axis=2))
     motors, links = (
         np.concatenate([rows.reshape(-1, rows.shape[2]) for rows in side])
         for side in (motor, [np.diff(rows, axis=0) for rows in link])

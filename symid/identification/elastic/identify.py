@@ -44,9 +44,7 @@ def _list_springs(
         if not problem.gives[joint]:
             continue
         phi, stated = [part.phi[:, joint] for part in signals], card.elasticity[joint]
-        torque = np.concatenate(
-            [regression.compute_joint_torque(elasticity, part, joint) for part in signals]
-        )
+        torques = [regression.compute_joint_torque(elasticity, part, joint) for part in signals]
         # A stop is sure to have slipped once the torsion's range exceeds twice its threshold.
         span = max(float(np.ptp(part)) for part in phi)
         slipped = [stop.threshold for stop in elasticity.stops if 2.0 * stop.threshold <= span]
@@ -69,7 +67,7 @@ def _list_springs(
             elasticity=elasticity,
             torsion=float(np.abs(np.concatenate(phi)).max()),
             excited=max(slipped, default=0.0),
-            torque=float(np.abs(torque).max()),
+            torque=max(float(np.abs(torque).max()) for torque in torques),
             truth=stated if stated is not None and stated.initial_stiffness is not None else None,
             identifiable=joint not in refused,
             reason=refused[joint].text if joint in refused else "",
@@ -154,9 +152,8 @@ def warn_of_fit(
         notices.append(build_warning("elastic.not-identifiable", names=", ".join(unknown)))
     percents = 100.0 * methods.compute_relative_deviations(work, fit)
     names = np.array([card.name for card in regression.list_parameter_cards(library.card)])
-    poor = ", ".join(
-        name for name in names[(percents > POLICY.uncertain) & (percents < np.inf)] if name not in unknown
-    )
+    wide = names[(percents > POLICY.uncertain) & (percents < np.inf)]
+    poor = ", ".join(name for name in wide if name not in unknown)
     if poor:
         notices.append(build_warning("elastic.poorly-identifiable", percent=POLICY.uncertain, names=poor))
     poses = [Recording(time=part.time, position=part.q, torque=part.tau) for part in work.problem.signals]
@@ -316,9 +313,8 @@ def _build_estimate(
     problem, fit = work.problem, choice.fit
     library = problem.library
     cards, joints = regression.list_parameter_cards(library.card), library.card.joints
-    identifiable, condition = estimate.measure_identifiability(
-        methods.build_linear_rows(work, fit).design, problem.known
-    )
+    design = methods.build_linear_rows(work, fit).design
+    identifiable, condition = estimate.measure_identifiability(design, problem.known)
     # F[tau_J] by the motor equation, and what the springs leave of it; the same of the energy, J.
     target = problem.compute_motor_side(fit.chi)
     left = target - np.concatenate(compute_spring_torques(problem, fit))

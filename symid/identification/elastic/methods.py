@@ -144,9 +144,8 @@ def build_elastic_equations(
     ) -> tuple[list[regression.ElasticSignals], elimination.BandRows, FloatArray, elimination.BandFit]:
         # Signals without effects, rows in the band of them, up to which speeds motors may stick, and a fit.
         broad = prepare(effects)
-        rows, share = elimination.choose_sliding_rows(
-            library.card, elimination.build_band_rows(library, broad, band), known
-        )
+        rows = elimination.build_band_rows(library, broad, band)
+        rows, share = elimination.choose_sliding_rows(library.card, rows, known)
         limits = share * elimination.compute_speeds(broad)
         return broad, rows, limits, elimination.fit_band(library.card, rows, known)
 
@@ -177,9 +176,7 @@ def build_elastic_equations(
                 effects = (*effects, *further)
                 broad = prepare(effects)
     if effects:
-        signals = [
-            regression.prepare_elastic_signals(recording, options, effects) for recording in recordings
-        ]
+        signals = [regression.prepare_elastic_signals(log, options, effects) for log in recordings]
     problem = regression.build_elastic_problem(library, signals, options, limits)
     filtered = any(part.cutoff for part in signals)
     return ElasticEquations(
@@ -215,9 +212,8 @@ def fit_method(
     # Variances are infinite where the rows do not identify.
     rows = build_linear_rows(work, fit)
     if fit.covariance is None:
-        covariance = estimate.compute_covariance(
-            rows.design, rows.right - rows.design @ fit.chi, problem.known
-        )
+        left = rows.right - rows.design @ fit.chi
+        covariance = estimate.compute_covariance(rows.design, left, problem.known)
     else:
         identifiable = estimate.measure_identifiability(rows.design, problem.known)[0]
         covariance = estimate.mark_unidentifiable(fit.covariance, identifiable)
@@ -292,9 +288,8 @@ def build_candidate(work: ElasticEquations, fit: estimate.MethodFit) -> MethodCa
     if fit.method == "linear-spring":
         # Its springs are linear too, and are fitted with the dynamics.
         work_of_springs = work.problem.compute_stop_work([np.zeros(0)] * card.size)
-        rows = together.LinearRows(
-            np.hstack([rows.design, work_of_springs]), work.problem.supplied, rows.time
-        )
+        whole = np.hstack([rows.design, work_of_springs])
+        rows = together.LinearRows(whole, work.problem.supplied, rows.time)
     folds = assign_parts(rows.time, POLICY.folds)
 
     def refit(fold: int) -> FloatArray:
@@ -313,9 +308,8 @@ def weigh_evidence(
     """
     size, rows = work.problem.sizes[1], work.rows
     errors, joint = predict_held_out(build_candidate(work, fit), rows), rows.group % size
-    left, whole = (
-        np.bincount(joint, values**2, minlength=size).astype(np.float64) for values in (errors, rows.torque)
-    )
+    squares = errors**2, rows.torque**2
+    left, whole = (np.bincount(joint, part, minlength=size).astype(np.float64) for part in squares)
     # A joint without torque has no noise either.
     floor = numerics.CONVERGED * max(float(np.sqrt(np.mean(rows.torque**2))), numerics.TINY)
     beyond = np.bincount(joint, (errors / np.maximum(work.noise[rows.group], floor)) ** 2, minlength=size)
@@ -522,10 +516,8 @@ def choose_springs(
         phi, torque = (np.concatenate([getattr(part, name) for part in rows]) for name in ("phi", "torque"))
         velocity = np.concatenate([differentiate_smooth(part.phi, part.period) for part in rows])
         period = np.concatenate([np.full(len(part.phi), part.period) for part in rows])
-        begins, kept = (
-            np.cumsum([0, *(len(part.phi) for part in rows)]).tolist(),
-            np.zeros(len(phi), dtype=bool),
-        )
+        kept = np.zeros(len(phi), dtype=bool)
+        begins = np.cumsum([0, *(len(part.phi) for part in rows)]).tolist()
         for start, part in zip(begins, rows, strict=False):
             kept[start + part.kept.start : start + part.kept.stop] = True
         path = ElementPath(position=phi, velocity=velocity, period=period, begins=tuple(begins[:-1]))

@@ -125,14 +125,12 @@ def optimise_nlp(
     ipopt = IpoptOptions(tolerance=numerics.RANK, iterations=options.iterations)
     run = minimise(scaled, begin, replace(ipopt, barrier=ipopt.tolerance) if near else ipopt)
     if near and run.outcome is not Ending.CONVERGED:
-        run = min(
-            (run, minimise(scaled, begin, ipopt)),
-            key=lambda one: (
-                one.outcome is not Ending.CONVERGED,
-                not one.outcome.usable,
-                scaled.value(one.x),
-            ),
-        )
+        again = minimise(scaled, begin, ipopt)
+        ranks = [
+            (one.outcome is not Ending.CONVERGED, not one.outcome.usable, scaled.value(one.x))
+            for one in (run, again)
+        ]
+        run = run if ranks[0] <= ranks[1] else again
     outcome, reason = run.outcome, run.reason
     x = np.clip(_polish(scaled, run.x) * scales, layout.lower, layout.upper)
     certificate = compute_certificate(cost, x, scales)
@@ -318,12 +316,8 @@ def _move_places(setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray) -> tu
         knees = np.array(spring.knees)
         # Those below zero, then those above, both from zero outwards.
         order = np.lexsort((np.abs(knees), knees > 0.0))
-        weights = SpringWeights(
-            thresholds=spring.thresholds,
-            stiffness=x[spring.weights],
-            knees=knees[order],
-            slopes=np.ones(len(knees)),
-        )
+        own, ones = x[spring.weights], np.ones(len(knees))
+        weights = SpringWeights(thresholds=spring.thresholds, stiffness=own, knees=knees[order], slopes=ones)
         ends = compute_place_limits([part.bases[joint] for part in setting.recordings], weights)
         known = [NlpPlace(joint=joint, knee=False, index=index) for index in range(len(spring.thresholds))]
         known += [NlpPlace(joint=joint, knee=True, index=index) for index in order.tolist()]
@@ -531,9 +525,8 @@ def build_nlp_graph(found: NlpFit, problem: ElasticProblem, options: NlpOptions)
     cost, start = found.cost, found.run.x
     layout = cost.layout
     numbers = np.array([start, layout.lower, layout.upper, compute_scales(cost, start)]).T.tolist()
-    variables = {
-        name: NlpVariable(casadi.MX.sym(name), *row) for name, row in zip(layout.names, numbers, strict=True)
-    }
+    pairs = zip(layout.names, numbers, strict=True)
+    variables = {name: NlpVariable(casadi.MX.sym(name), *row) for name, row in pairs}
     x = casadi.vertcat(*(entry.symbol for entry in variables.values()))
     residuals, motions, blocks = [], [], []
     sigmas, carrier = iter(cost.sigmas), build_casadi_carrier()
@@ -733,9 +726,8 @@ def solve_nlp_graph(graph: NlpGraph) -> NlpAnswer:
         raise SolverError(Notice(code="solver.one-shot", text=text))
     found = casadi.Function("found", [x], [cost, problem.constraints])(run.x)
     objective, levels = (np.array(part, dtype=np.float64).ravel() for part in found)
-    near = np.isfinite(limits) & (
-        np.abs(levels - limits) <= numerics.CONVERGED * np.maximum(np.abs(limits), 1.0)
-    )
+    reach = numerics.CONVERGED * np.maximum(np.abs(limits), 1.0)
+    near = np.isfinite(limits) & (np.abs(levels - limits) <= reach)
     own = run.x[: graph.layout.size]
     least = np.array([numerics.CONVERGED * np.sum(own[spring.weights]) for spring in graph.layout.springs])
     return NlpAnswer(

@@ -221,9 +221,8 @@ def build_nlp_recording(
 ) -> NlpRecording:
     """Return the rows of recording `index`: some of `NLP_ROWS`, for thresholds (m,) of each joint."""
     signals, energy, phi = problem.signals[index], problem.energy[index], problem.signals[index].phi
-    bases = tuple(
-        joint_models.compute_stop_basis(phi[:, joint], grid) for joint, grid in enumerate(thresholds)
-    )
+    pairs = zip(phi.T, thresholds, strict=True)
+    bases = tuple(joint_models.compute_stop_basis(*pair) for pair in pairs)
     ends, blocks = energy.ends, list[RowBlock]()
     if "energy" in kinds:
 
@@ -259,9 +258,7 @@ def build_nlp_recording(
         def add(values: FloatArray) -> FloatArray:
             return sums.add(regression.average_steps(values))
 
-        design = regression.build_equations(
-            problem.library, signals, lambda values: np.diff(values[ends], axis=0), add
-        )
+        design = regression.build_equations(problem.library, signals, lambda x: np.diff(x[ends], axis=0), add)
         slides = None
         if np.any(problem.limits):
             # About the middle of a window in which a motor slides from end to end, all of it counts.
@@ -420,9 +417,8 @@ class NlpLayout:
         joints = range(1, card.size + 1)
         names = [entry.name for entry in regression.list_parameter_cards(card)]
         free = np.full(len(names), True) if known is None else np.isnan(known)
-        lower: list[ArrayLike] = [
-            np.where(free, regression.list_lower_bounds(card), 0.0 if known is None else known)
-        ]
+        given: ArrayLike = 0.0 if known is None else known
+        lower: list[ArrayLike] = [np.where(free, regression.list_lower_bounds(card), given)]
         upper: list[ArrayLike] = [np.where(free, np.inf, lower[0])]
         dynamics = slice(0, len(names))
         size = card.size if options.stribeck else 0
@@ -483,9 +479,8 @@ class NlpLayout:
                 # The slope of the outer function just beyond this knee.
                 side = np.sign(torque)
                 end = torque * side * (1.0 + 1e-12)
-                slopes[slot] = 1.0 + sum(
-                    knee.slope for knee in spring.knees if 0.0 < knee.threshold * side <= end
-                )
+                passed = (knee.slope for knee in spring.knees if 0.0 < knee.threshold * side <= end)
+                slopes[slot] = 1.0 + sum(passed)
             x[place.slopes] = slopes
         return np.clip(x, self.lower, self.upper)
 

@@ -720,9 +720,8 @@ class ElasticProblem:
         columns = []
         for part, rows in zip(self.signals, self.energy, strict=True):
             pairs = zip(part.phi.T, thresholds, strict=True)
-            columns.append(
-                np.hstack([np.diff(compute_work_columns(*pair)[rows.ends], axis=0) for pair in pairs])
-            )
+            works = [np.diff(compute_work_columns(*pair)[rows.ends], axis=0) for pair in pairs]
+            columns.append(np.hstack(works))
         return np.vstack(columns)
 
     def fit_springs(self, torque: FloatArray) -> tuple[Elasticity, ...]:

@@ -186,9 +186,7 @@ def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]
         if change < numerics.CONVERGED:
             break
         used, delay = offsets, found.delay
-        moved = tuple(
-            shift_link_channel(recording, found, run=run) for run, recording in enumerate(recordings)
-        )
+        moved = tuple(shift_link_channel(one, found, run=run) for run, one in enumerate(recordings))
     return found
 
 
