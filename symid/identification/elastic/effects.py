@@ -49,6 +49,7 @@ from symid.identification.regression import solve_scaled
 from symid.joint_models import Elasticity
 from symid.logs import differentiate_smooth, shift_channel
 
+Effects = tuple[DriveEffect, ...]
 _PARTS = POLICY.folds * POLICY.parts
 _TURNS = 10.0
 """Periods of a wave within the range of a joint, at least: what friction and springs miss is longer."""
@@ -122,12 +123,10 @@ class _Rows(NamedTuple):
         return np.asarray(table / np.maximum(np.bincount(self.joint, self.torque**2), numerics.TINY))
 
 
-def _build_rows(
-    library: Library, signals: Sequence[ElasticSignals], edge: float, limits: FloatArray
-) -> _Rows:
+def _build_rows(library: Library, parts: Sequence[ElasticSignals], edge: float, limits: FloatArray) -> _Rows:
     size, places = library.card.size, []
     columns: list[list[NDArray[Any]]] = []
-    for number, own in enumerate(signals):
+    for number, own in enumerate(parts):
         place, design, torque = filter_band(library, own, edge)
         kept = mark_sliding(own, 1.0 / edge, limits)[place] | (limits == 0.0)
         time, joint = np.arange(len(kept))[:, None], np.broadcast_to(np.arange(size), kept.shape)
@@ -136,12 +135,12 @@ def _build_rows(
         values = (design, torque, number * size + joint, joint, part, own.theta[place])
         columns.append([entry[kept] for entry in values])
     whole = map(np.concatenate, zip(*columns, strict=True))
-    return _Rows(tuple(signals), edge, *whole, places=tuple(places))
+    return _Rows(tuple(parts), edge, *whole, places=tuple(places))
 
 
 def measure_effects(
     library: Library, signals: Sequence[ElasticSignals], edge: float, limits: FloatArray
-) -> tuple[DriveEffect, ...]:
+) -> Effects:
     """Return the effects that recordings show beyond doubt, with their values.
 
     `signals` are hardly filtered, without effects; rows reach up to `edge` Hz. Motors slide that are faster
@@ -277,9 +276,7 @@ _WAVE = 1.09
 eight other kinds gave 1.07 at most, discs that are off by a thirtieth of the torsion 1.1 to 2.2."""
 
 
-def measure_gears(
-    library: Library, signals: Sequence[ElasticSignals], beta: FloatArray
-) -> tuple[DriveEffect, ...]:
+def measure_gears(library: Library, signals: Sequence[ElasticSignals], beta: FloatArray) -> Effects:
     """Return the kinematic errors of the gears, given the links' base parameters (p,)."""
     found: list[DriveEffect] = []
     loads = [compute_link_torque(library, part, beta) for part in signals]
@@ -380,9 +377,7 @@ def _fit_gear(
     return found, errors
 
 
-def measure_eccentricity(
-    library: Library, signals: Sequence[ElasticSignals], beta: FloatArray
-) -> tuple[DriveEffect, ...]:
+def measure_eccentricity(library: Library, signals: Sequence[ElasticSignals], beta: FloatArray) -> Effects:
     """Return the eccentricity of the links' encoders, given the links' base parameters (p,).
 
     Gravity bends a spring by a wave of one turn, too, and so does much that a spring has: what a spring of
@@ -429,9 +424,7 @@ def measure_eccentricity(
     return tuple(found)
 
 
-def refine_eccentricity(
-    problem: ElasticProblem, chi: FloatArray, discs: Sequence[DriveEffect]
-) -> tuple[DriveEffect, ...]:
+def refine_eccentricity(problem: ElasticProblem, chi: FloatArray, discs: Sequence[DriveEffect]) -> Effects:
     """Return the eccentricities nearer to what springs with stops and knees leave least with.
 
     One step of Gauss and Newton for wave and spring together, in the torque of links with the dynamic
@@ -463,9 +456,7 @@ def refine_eccentricity(
     return tuple(refined)
 
 
-def measure_offsets(
-    library: Library, signals: Sequence[ElasticSignals], beta: FloatArray
-) -> tuple[DriveEffect, ...]:
+def measure_offsets(library: Library, signals: Sequence[ElasticSignals], beta: FloatArray) -> Effects:
     """Return the offsets of torsions that lie beyond their own range: encoders with other zeros.
 
     A load of one sign bends a spring to one side, too: torsion = torque / k + offset is fitted, with the base

@@ -340,7 +340,7 @@ def _build_estimate(
         energy = warn_of_energy(problem.sizes[1]) if fit.method in methods.ENERGY_METHODS else ()
         raise IdentifiabilityError(*springs.values(), *energy)
     columns = zip(joints, left.T, problem.stack_filtered()[1].T, strict=True)
-    warnings = warn_of_fit(work, fit, springs)
+    warnings = (*warn_of_fit(work, fit, springs), *_tell_known(work, contradicted))
     # Rotors of rigid joints have a place in chi only.
     shown = np.flatnonzero(~regression.mark_rigid_rotors(library.card)).tolist()
     covariance = None if fit.covariance is None else np.asarray(fit.covariance)[np.ix_(shown, shown)]
@@ -380,13 +380,7 @@ def _build_estimate(
         covariance=() if covariance is None else tuple(map(tuple, covariance.tolist())),
         effects=work.effects,
         evidence=evidence,
-        notices=(
-            *springs.values(),
-            *choice.notices,
-            *fit.notices,
-            *warnings,
-            *_tell_known(work, contradicted),
-        ),
+        notices=(*springs.values(), *choice.notices, *fit.notices, *warnings),
     )
 
 

@@ -294,18 +294,16 @@ def prepare_elastic_signals(
     )
 
 
-def fill_motor_loads(
-    library: Library, recordings: Sequence[Recording], beta: FloatArray
-) -> tuple[Recording, ...]:
+def fill_motor_loads(library: Library, logs: Sequence[Recording], beta: FloatArray) -> tuple[Recording, ...]:
     """Return recordings with the torques tau_J of links of base parameters (p,), where friction reads them.
 
     Loads that were measured stay.
     """
-    measured = list_measured_joints(recordings)
+    measured = list_measured_joints(logs)
     if "load" not in library.card.friction_inputs or all(measured):
-        return tuple(recordings)
+        return tuple(logs)
     found = []
-    for recording in recordings:
+    for recording in logs:
         period = recording.period
         q = pass_band(get_encoder_positions(recording)[1], period, choose_edge(period, 0.0))
         dq = differentiate_smooth(q, period)

@@ -131,17 +131,15 @@ def fit_rigid(grams: FloatArray, weights: FloatArray | None = None) -> tuple[Flo
     return x, np.sqrt(squares)
 
 
-def _build_loaded_rows(
-    library: Library, recordings: Sequence[Recording]
-) -> tuple[list[RigidRows], FloatArray]:
+def _build_loaded_rows(library: Library, logs: Sequence[Recording]) -> tuple[list[RigidRows], FloatArray]:
     """Return the equations of all recordings, and the base parameters (p,) that explain their torque."""
-    measured, loaded = list_measured_joints(recordings), tuple(recordings)
+    measured, loaded = list_measured_joints(logs), tuple(logs)
     sought = "load" in library.card.friction_inputs and not all(measured)
-    loads = [np.zeros_like(recording.position) for recording in recordings]
+    loads = [np.zeros_like(log.position) for log in logs]
     beta, options = np.zeros(len(library.card.beta)), ElasticOptions()
     for _ in range(options.iterations):
         if sought:
-            pairs = zip(recordings, loads, strict=True)
+            pairs = zip(logs, loads, strict=True)
             loaded = tuple(replace(one, load=fill_load(one.load, load, measured)) for one, load in pairs)
         runs = [build_rigid_rows(library, recording) for recording in loaded]
         x, _ = fit_rigid(np.concatenate([rows.compute_grams() for rows in runs]).sum(axis=0))

@@ -104,10 +104,8 @@ def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
     for _ in range(TRIALS):
         chi = state.chi + fraction * (goal - state.chi)
         passed = np.where(problem.gives, torques, problem.compute_link_side(chi))
-        errors = [
-            problem.supplied - work - problem.design @ chi,
-            *(problem.compute_motor_side(chi) - passed).T,
-        ]
+        energy = problem.supplied - work - problem.design @ chi
+        errors = [energy, *(problem.compute_motor_side(chi) - passed).T]
         norms = tuple(float(np.linalg.norm(part)) for part in errors)
         first = state.history[0].norms if state.history else norms
         merit = sum((norm / max(one, numerics.TINY)) ** 2 for norm, one in zip(norms, first, strict=True))
