@@ -183,10 +183,8 @@ class SlipSpring:
         if self.needs_time:
             speed = algebra.absolute(motion.velocity)
             slower = [algebra.mul(values[name], speed) for name in ("fall_low", "fall_high")]
-            low, high = (
-                algebra.div(bound, algebra.add(algebra.one, part))
-                for bound, part in zip((low, high), slower, strict=True)
-            )
+            pairs = zip((low, high), slower, strict=True)
+            low, high = (algebra.div(bound, algebra.add(algebra.one, part)) for bound, part in pairs)
         least, most = algebra.sub(motion.position, high), algebra.sub(motion.position, low)
         play = clamp(algebra, states[0], least, most)
         # f, and its integral from the first place.

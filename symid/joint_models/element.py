@@ -75,11 +75,8 @@ def list_element_values(elasticity: elements.Elasticity) -> dict[str, float]:
         low, high = -radii, radii
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            below = (
-                operators.compute_outer_torque(terms, middle + radii)
-                + operators.compute_outer_torque(terms, middle - radii)
-                < 0.0
-            )
+            above, under = (operators.compute_outer_torque(terms, middle + way) for way in (radii, -radii))
+            below = above + under < 0.0
             low, high = np.where(below, middle, low), np.where(below, high, middle)
         above, under = (operators.compute_outer_integral(terms, low + way) for way in (radii, -radii))
         named["least"] = math.fsum((0.5 * weights * (above + under)).tolist())
@@ -250,11 +247,8 @@ def find_least_slope(elasticity: elements.Elasticity) -> float:
         return -math.inf
     terms = operators.read_spring_terms(elasticity)
     least = min(accumulate((k for _, k in reversed(terms.stops)), initial=terms.stiffness))
-    outer = [
-        slope
-        for side in (terms.above, terms.below)
-        for slope in accumulate((s for _, s in side), initial=1.0)
-    ]
+    sides = (terms.above, terms.below)
+    outer = [slope for side in sides for slope in accumulate((s for _, s in side), initial=1.0)]
     spring = least * (min(outer) if least > 0.0 else max(outer))
     return spring + math.fsum(branch.least_slope for branch in elasticity.branches)
 

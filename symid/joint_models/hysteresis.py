@@ -301,8 +301,5 @@ def convert_maxwell_elements(elements: Sequence[MaxwellElement]) -> tuple[Stop, 
 
 def list_maxwell_elements(elasticity: Elasticity) -> tuple[MaxwellElement, ...]:
     """Return the stops of an elasticity as springs behind dry friction, those of no stiffness left out."""
-    return tuple(
-        MaxwellElement(stiffness=stop.stiffness, force=stop.stiffness * stop.threshold)
-        for stop in elasticity.stops
-        if stop.stiffness
-    )
+    pairs = ((stop.stiffness, stop.threshold) for stop in elasticity.stops if stop.stiffness)
+    return tuple(MaxwellElement(stiffness=k, force=k * threshold) for k, threshold in pairs)

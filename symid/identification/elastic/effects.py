@@ -301,11 +301,8 @@ def measure_gears(library: Library, signals: Sequence[ElasticSignals], beta: Flo
 
 def _compare_errors(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> Gain:
     """Return how much less errors (M,) of every recording became, part by part."""
-    sides = (
-        [[np.mean(part**2)] for own in errors for part in np.array_split(own, _PARTS)]
-        for errors in (before, after)
-    )
-    return compare(*map(np.array, sides))
+    sides = ([part for own in errors for part in np.array_split(own, _PARTS)] for errors in (before, after))
+    return compare(*(np.array([[np.mean(part**2)] for part in side]) for side in sides))
 
 
 def compute_link_torque(library: Library, signals: ElasticSignals, beta: FloatArray) -> FloatArray:

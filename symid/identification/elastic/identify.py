@@ -340,6 +340,7 @@ def _build_estimate(
         energy = warn_of_energy(problem.sizes[1]) if fit.method in methods.ENERGY_METHODS else ()
         raise IdentifiabilityError(*springs.values(), *energy)
     columns = zip(joints, left.T, problem.stack_filtered()[1].T, strict=True)
+    residual = [Residual.measure(card.name, *values, card.torque_unit) for card, *values in columns]
     warnings = (*warn_of_fit(work, fit, springs), *_tell_known(work, contradicted))
     # Rotors of rigid joints have a place in chi only.
     shown = np.flatnonzero(~regression.mark_rigid_rotors(library.card)).tolist()
@@ -355,9 +356,7 @@ def _build_estimate(
         reason=choice.reason,
         parameters=list_parameters([cards[k] for k in shown], fit.chi[shown], covariance),
         springs=tuple(_list_springs(work, fit, springs)),
-        residual=tuple(
-            Residual.measure(card.name, error, torque, card.torque_unit) for card, error, torque in columns
-        ),
+        residual=tuple(residual),
         energy=Residual.measure("all joints", errors, problem.supplied, "J"),
         condition=condition,
         outcome=fit.outcome,

@@ -341,10 +341,7 @@ def join_rigid_joints(
     if not np.any(rigid) or np.all(rigid):
         return tuple(recordings), ()
     # The position of [log.position], and the other one.
-    pairs = [
-        get_encoder_positions(recording)[:: -1 if recording.motor_position is not None else 1]
-        for recording in recordings
-    ]
+    pairs = [get_encoder_positions(log)[:: -1 if log.motor_position is not None else 1] for log in recordings]
     moves = [np.any([np.ptp(pair[side], axis=0) > 0.0 for pair in pairs], axis=0) for side in (0, 1)]
     joined, notices = [], []
     for recording, (first, second) in zip(recordings, pairs, strict=True):
@@ -597,10 +594,8 @@ def read_known(card: ModelCard, known: Mapping[str, float]) -> FloatArray:
         for name in known
         if name not in allowed
     ]
-    mistakes += [
-        f"known {names[place]} {values[place]:g}: must not be negative"
-        for place in np.flatnonzero(values < list_lower_bounds(card))
-    ]
+    below = np.flatnonzero(values < list_lower_bounds(card))
+    mistakes += [f"known {names[place]} {values[place]:g}: must not be negative" for place in below]
     if mistakes:
         raise UsageError(*(Notice(code="usage.elastic-option", text=text) for text in mistakes))
     return np.where(rigid, 0.0, values)
