@@ -66,13 +66,13 @@ class _Rows(NamedTuple):
 
     signals: tuple[ElasticSignals, ...]
     edge: float
+    places: tuple[tuple[slice, NDArray[np.bool_]], ...]
     design: FloatArray
     torque: FloatArray
     group: NDArray[np.intp]
     joint: NDArray[np.intp]
     part: NDArray[np.intp]
     theta: FloatArray
-    places: tuple[tuple[slice, NDArray[np.bool_]], ...]
 
     def stack(self, columns: Sequence[FloatArray]) -> FloatArray:
         """Return the rows (m, k) of columns (N, n, k) of every recording, low-passed."""
@@ -135,7 +135,7 @@ def _build_rows(library: Library, parts: Sequence[ElasticSignals], edge: float, 
         values = (design, torque, number * size + joint, joint, part, own.theta[place])
         columns.append([entry[kept] for entry in values])
     whole = map(np.concatenate, zip(*columns, strict=True))
-    return _Rows(tuple(parts), edge, *whole, places=tuple(places))
+    return _Rows(tuple(parts), edge, tuple(places), *whole)
 
 
 def measure_effects(

@@ -62,7 +62,8 @@ class BandRows(NamedTuple):
 
     def select(self, kept: NDArray[np.bool_]) -> "BandRows":
         """Return the rows of a mask (m,)."""
-        return BandRows(*(part[kept] for part in self))
+        parts: list[Any] = [part[kept] for part in self]
+        return BandRows(*parts)
 
     def weigh(self, scatter: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return design and torque over the `scatter` (g,) of their groups."""

@@ -359,8 +359,9 @@ def join_rigid_joints(
             notices.append(Notice(code="log.rigid-joint", text=text, file=recording.source))
         taken = np.where(moves[0], first, second)
         one, other = (np.where(rigid, taken, side) for side in (first, second))
-        further = "link_position" if recording.motor_position is None else "motor_position"
-        joined.append(replace(recording, **{"position": one, further: other}))
+        lone = recording.motor_position is None
+        link, motor = (other, None) if lone else (recording.link_position, other)
+        joined.append(replace(recording, position=one, link_position=link, motor_position=motor))
     return tuple(joined), tuple(notices)
 
 

@@ -168,7 +168,7 @@ def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]
         # of their sum, the direction of motion, the acceleration. Torques with a memory of their turning
         # points are what hysteresis follows, and the rest what a fit of torques errs by.
         columns = []
-        radii = (1.0 + np.cumsum(np.arange(_PLAYS))) / (_PLAYS * (_PLAYS - 1.0))
+        radii = (1.0 + np.cumsum(np.arange(_PLAYS, dtype=np.float64))) / (_PLAYS * (_PLAYS - 1.0))
         for rows in runs:
             gravity = rows.still @ beta / scale
             # Rounding at a joint that gravity does not load is no torque, and must not look like a constant.
