@@ -10,10 +10,9 @@ The step is exact while the velocity is held, therefore stable for any length. D
 report TOR-0158(3107-18)-1 (1968); Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control
 40 (1995) 419-425.
 
-Joints of a robot have one of `STATE_LAWS` of the catalogue. What their bristles do follows the way x alone,
-v h where v is held; elements of Maxwell-slip are springs that slip at their share a_k of g:
+Joints of a robot have one of `STATE_LAWS` of the catalogue. What their bristles do follows the way x = v h;
+elements of Maxwell-slip are springs that slip at their share a_k of g:
 
-    z(x) = z_e + (z - z_e) exp(-sigma0 |x| / g),  z_e = g sign(x) / sigma0
     z_k(x) = clamp(z_k + x, -+ a_k g / s_k),  tau_f = sum of s_k z_k + fV v           s_k: stiffness
 
 Supported: any carrier; several runs in one recording; a velocity of the step other than that of the sample.

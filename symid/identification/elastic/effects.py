@@ -105,10 +105,7 @@ class _Rows(NamedTuple):
         return values, errors, 1.0 / scatter[self.group]
 
     def predict(self, extra: FloatArray, weights: FloatArray) -> FloatArray:
-        """Return the squared errors of every part and joint, each predicted by a fit to the other stretches.
-
-        They are relative to the squares of each joint's torque.
-        """
+        """Return the errors of parts and joints, predicted by the other stretches, over torques, squared."""
         whole = np.column_stack([self.design, extra, self.torque]) * weights[:, None]
         lengths = np.maximum(np.linalg.norm(whole, axis=0), numerics.TINY)
         fold, errors = self.part % _PARTS // POLICY.parts, np.empty(len(whole))
@@ -377,8 +374,8 @@ def _fit_gear(
 def measure_eccentricity(library: Library, signals: Sequence[ElasticSignals], beta: FloatArray) -> Effects:
     """Return the eccentricity of the links' encoders, given the links' base parameters (p,).
 
-    Gravity bends a spring by a wave of one turn, too, and so does much that a spring has: what a spring of
-    many stops leaves must be less by a share that such springs never reach. Deviations are open.
+    Gravity and springs have waves of one turn, too: what a spring of many stops leaves must be less by a
+    share that such springs never reach. Deviations are open.
     """
     found: list[DriveEffect] = []
     loads = [compute_link_torque(library, part, beta) for part in signals]

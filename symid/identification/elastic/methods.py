@@ -302,10 +302,7 @@ def build_candidate(work: ElasticEquations, fit: estimate.MethodFit) -> MethodCa
 def weigh_evidence(
     work: ElasticEquations, fit: estimate.MethodFit, contradiction: float, known: float
 ) -> estimate.ElasticEvidence:
-    """Return what fits without a stretch of the logs leave of it, and the springs of the links' torque.
-
-    `contradiction` and `known` are those of `ElasticEvidence`.
-    """
+    """Return what fits without a stretch of the logs leave of it, and springs of the links' torque."""
     size, rows = work.problem.sizes[1], work.rows
     errors, joint = predict_held_out(build_candidate(work, fit), rows), rows.group % size
     squares = errors**2, rows.torque**2
@@ -404,10 +401,7 @@ def choose_fit(work: ElasticEquations, fits: Sequence[estimate.MethodFit]) -> Me
 
 
 def find_contradiction(work: ElasticEquations, fit: estimate.MethodFit) -> tuple[str, float]:
-    """Return what speaks against a fit that rests on springs, "" for nothing, and how much, over its limit.
-
-    The latter is 0 for a fit that does not rest on springs.
-    """
+    """Return what speaks against a fit that rests on springs, if any, and how much, over its limit."""
     if fit.method not in SPRUNG_METHODS:
         return "", 0.0
     known, apart, spread = _list_differences(work, fit)

@@ -274,10 +274,7 @@ def prepare_setting(problem: ElasticProblem, options: NlpOptions, begin: MethodF
 
 
 def list_places(setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray) -> tuple[NlpPlace, ...]:
-    """Return the stops and knees whose places are optimised: none that are given or on a grid.
-
-    Knees of odd springs stand in pairs, and stay.
-    """
+    """Return the stops and knees that move: none that are given, on a grid, or knees of odd springs."""
     options = setting.problem.options
     if setting.knees is None or not options.moves_stops:
         return ()

@@ -295,10 +295,7 @@ def prepare_elastic_signals(
 
 
 def fill_motor_loads(library: Library, logs: Sequence[Recording], beta: FloatArray) -> tuple[Recording, ...]:
-    """Return recordings with the torques tau_J of links of base parameters (p,), where friction reads them.
-
-    Loads that were measured stay.
-    """
+    """Return logs with torques tau_J of links (p,), where friction reads them and none were measured."""
     measured = list_measured_joints(logs)
     if "load" not in library.card.friction_inputs or all(measured):
         return tuple(logs)

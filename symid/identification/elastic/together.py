@@ -200,10 +200,7 @@ def filter_spring(problem: ElasticProblem, spring: Elasticity, joint: int) -> li
 
 
 def compute_spring_torques(problem: ElasticProblem, fit: estimate.MethodFit) -> list[FloatArray]:
-    """Return F[tau_J] (M, n) of the springs of `fit` at the filtered rows of every recording.
-
-    That of a rigid joint is by the links.
-    """
+    """Return F[tau_J] (M, n) at the filtered rows of every recording: of springs, by links if rigid."""
     joints = [filter_spring(problem, spring, joint) for joint, spring in enumerate(fit.elasticity)]
     return [
         np.where(problem.gives, np.column_stack(torques), rows.compute_link_side(fit.chi))
@@ -293,8 +290,7 @@ def fit_simultaneous(
 ) -> estimate.MethodFit:
     """Return dynamics and springs that explain both equations best, and the covariance of the dynamics.
 
-    `start` has springs of the kinds wanted, and dynamics near the answer; for the problems see
-    `calm_torsions`.
+    `start` has springs of the kinds wanted, and dynamics near the answer; for problems see `calm_torsions`.
     """
     fit, problem = start, wide
     for _ in range(wide.options.iterations):
