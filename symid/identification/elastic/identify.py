@@ -340,7 +340,7 @@ def _build_estimate(
         energy = warn_of_energy(problem.sizes[1]) if fit.method in methods.ENERGY_METHODS else ()
         raise IdentifiabilityError(*springs.values(), *energy)
     columns = zip(joints, left.T, problem.stack_filtered()[1].T, strict=True)
-    residual = [Residual.measure(card.name, *values, card.torque_unit) for card, *values in columns]
+    residual = [Residual.measure(card.name, own, whole, card.torque_unit) for card, own, whole in columns]
     warnings = (*warn_of_fit(work, fit, springs), *_tell_known(work, contradicted))
     # Rotors of rigid joints have a place in chi only.
     shown = np.flatnonzero(~regression.mark_rigid_rotors(library.card)).tolist()
