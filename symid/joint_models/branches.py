@@ -30,7 +30,7 @@ from itertools import accumulate, pairwise
 from typing import ClassVar, Generic, TypeVar
 
 from symid.errors import Notice, RobotError
-from symid.joint_models.carriers import Carrier
+from symid.joint_models.carriers import Carrier, build_float_carrier
 from symid.joint_models.dynamic_friction import advance_memory
 
 V = TypeVar("V")
@@ -117,9 +117,8 @@ class SlipSpring:
         if not all(map(math.isfinite, (*self.deflections, *self.forces))):
             mistakes.append("numbers of a slip spring must be finite")
         if not min(self.falls) >= 0.0:
-            mistakes.append(
-                "falls of a slip spring must not be negative; viscous damping rises with the speed"
-            )
+            text = "falls of a slip spring must not be negative; viscous damping rises with the speed"
+            mistakes.append(text)
         refuse_element(mistakes)
 
     @property
@@ -184,10 +183,8 @@ class SlipSpring:
         if self.needs_time:
             speed = algebra.absolute(motion.velocity)
             slower = [algebra.mul(values[name], speed) for name in ("fall_low", "fall_high")]
-            low, high = (
-                algebra.div(bound, algebra.add(algebra.one, part))
-                for bound, part in zip((low, high), slower, strict=True)
-            )
+            pairs = zip((low, high), slower, strict=True)
+            low, high = (algebra.div(bound, algebra.add(algebra.one, part)) for bound, part in pairs)
         least, most = algebra.sub(motion.position, high), algebra.sub(motion.position, low)
         play = clamp(algebra, states[0], least, most)
         # f, and its integral from the first place.
@@ -257,10 +254,10 @@ class Relays:
         for half in range(2 * count):
             place = half // 2
             rising = [self.ramps[place], self.ramps[place]]
-            for (i, j), weight in zip(self.pairs, self.weights, strict=True):
-                middle = weight if i + j <= half <= i + j + 1 else 0.0
-                rising[0] += middle - (weight if i == place else 0.0) * (weight > 0.0)
-                rising[1] += middle - (weight if j == place else 0.0) * (weight > 0.0)
+            for pair, weight in zip(self.pairs, self.weights, strict=True):
+                middle = weight if sum(pair) <= half <= sum(pair) + 1 else 0.0
+                for way, end in enumerate(pair):
+                    rising[way] += middle - (weight if end == place else 0.0) * (weight > 0.0)
             slopes += rising
         return min(0.0, *slopes) / self.step
 
@@ -270,9 +267,8 @@ class Relays:
         least = _find_least((force, after, self.step) for force, after in heights)
         named = {"low": self.low, "step": self.step, "least": least}
         named |= {f"d{k}": value for k, value in enumerate(self.ramps, start=1)}
-        return named | {
-            f"c{i + 1}_{j + 1}": value for (i, j), value in zip(self.pairs, self.weights, strict=True)
-        }
+        pairs = zip(self.pairs, self.weights, strict=True)
+        return named | {f"c{i + 1}_{j + 1}": value for (i, j), value in pairs}
 
     def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
         """Return the states where the input stands still, come from below (1), above (-1), or virgin (0).
@@ -291,28 +287,24 @@ class Relays:
     ) -> BranchStep[V]:
         step, inverse = values["step"], algebra.div(algebra.one, values["step"])
         z = algebra.sub(motion.position, values["low"])
-        count = len(self.ramps)
-        heights = [
-            _ramp(algebra, algebra.sub(z, algebra.scale(0.5 * k, step)), inverse)
-            for k in range(2 * count - 1)
-        ]
+
+        def measure(half: int) -> V:
+            return algebra.sub(z, algebra.scale(0.5 * half, step))
+
+        heights = [_ramp(algebra, measure(half), inverse) for half in range(2 * len(self.ramps) - 1)]
         forces, energies, after = [], [], []
         for k, height in enumerate(heights[::2]):
-            value, distance = values[f"d{k + 1}"], algebra.sub(z, algebra.scale(float(k), step))
+            value, distance = values[f"d{k + 1}"], measure(2 * k)
             forces.append(algebra.mul(value, height))
             energies.append(algebra.mul(value, _integrate_ramp(algebra, distance, step, height)))
         for (i, j), before in zip(self.pairs, states, strict=True):
             value = values[f"c{i + 1}_{j + 1}"]
             state = clamp(algebra, before, heights[2 * i], heights[2 * j])
-            distance = algebra.sub(z, algebra.scale(0.5 * (i + j), step))
-            height = heights[i + j]
+            distance, height = measure(i + j), heights[i + j]
             forces.append(algebra.mul(value, algebra.sub(height, state)))
             bent = algebra.scale(0.5, algebra.mul(step, algebra.mul(state, state)))
-            energy = algebra.sub(
-                algebra.add(_integrate_ramp(algebra, distance, step, height), bent),
-                algebra.mul(state, distance),
-            )
-            energies.append(algebra.mul(value, energy))
+            energy = algebra.add(_integrate_ramp(algebra, distance, step, height), bent)
+            energies.append(algebra.mul(value, algebra.sub(energy, algebra.mul(state, distance))))
             after.append(state)
         stored = algebra.sub(add_all(algebra, energies), values["least"])
         return BranchStep(force=add_all(algebra, forces), states=tuple(after), stored=stored)
@@ -325,8 +317,7 @@ def _ramp(algebra: Carrier[V], distance: V, inverse: V) -> V:
 def _integrate_ramp(algebra: Carrier[V], distance: V, step: V, height: V) -> V:
     """Return the integral of ramp up to `distance`, where it has the value `height`."""
     beyond = algebra.maximum(algebra.sub(distance, step), algebra.zero)
-    rising = algebra.scale(0.5, algebra.mul(step, algebra.mul(height, height)))
-    return algebra.add(rising, beyond)
+    return algebra.add(algebra.scale(0.5, algebra.mul(step, algebra.mul(height, height))), beyond)
 
 
 _SUBSTEPS = 4
@@ -389,8 +380,7 @@ class BoucWen:
         names = ("level", "length", "sharpness", "loop", "skew", *(["lean"] if self.lean else []))
         return {name: getattr(self, name) for name in names}
 
-    def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
-        del position
+    def start(self, algebra: Carrier[V], _position: V, side: float) -> tuple[V, ...]:
         bound = (1.0 + side * self.skew) ** (-1.0 / self.sharpness)
         return (algebra.scale(side * bound, algebra.one),)
 
@@ -517,9 +507,8 @@ class BristleBranch:
     def list_values(self) -> dict[str, float]:
         return {"Fv": 0.0} | dict(self.values)
 
-    def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
+    def start(self, algebra: Carrier[V], _position: V, side: float) -> tuple[V, ...]:
         """Return the deflections where the input stands still: `side` -1, 0, 1 times their bounds."""
-        del position
         given = dict(self.values)
         level = side * (given["Fc"] + given.get("Fe", 0.0))
         numbers = range(1, self.count + 1) if "sigma0" not in given else ()
@@ -584,9 +573,8 @@ class AttractedSlip:
             named |= {f"r{number}": threshold, f"k{number}": stiffness}
         return named
 
-    def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
+    def start(self, algebra: Carrier[V], _position: V, side: float) -> tuple[V, ...]:
         """Return bendings, then in which sense each slips; `side` -1, 0, 1 times their bounds, held."""
-        del position
         level = side * (1.0 + self.excess)
         bends = [algebra.scale(level * threshold, algebra.one) for threshold in self.thresholds]
         return (*bends, *[algebra.zero for _ in bends])
@@ -620,9 +608,8 @@ class AttractedSlip:
             senses.append(
                 algebra.add(algebra.mul(rest, sense), algebra.mul(sign, algebra.maximum(slips, begins)))
             )
-            force = algebra.mul(values[f"k{number}"], bends[-1])
-            forces.append(force)
-            energies.append(algebra.scale(0.5, algebra.mul(force, bends[-1])))
+            forces.append(algebra.mul(values[f"k{number}"], bends[-1]))
+            energies.append(algebra.scale(0.5, algebra.mul(forces[-1], bends[-1])))
         total = add_all(algebra, energies)
         return BranchStep(force=add_all(algebra, forces), states=(*bends, *senses), stored=total)
 
@@ -654,8 +641,7 @@ class Relaxation:
     def list_values(self) -> dict[str, float]:
         return {"stiffness": self.stiffness, "time": self.time}
 
-    def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
-        del position, side
+    def start(self, algebra: Carrier[V], _position: V, _side: float) -> tuple[V, ...]:
         return (algebra.zero,)
 
     def advance(
@@ -678,11 +664,4 @@ Branch = SlipSpring | Relays | BoucWen | BristleBranch | AttractedSlip | Relaxat
 
 def count_states(branch: Branch) -> int:
     """Return the number of states of a branch."""
-    match branch:
-        case Relays():
-            return len(branch.weights)
-        case BristleBranch():
-            return branch.count
-        case AttractedSlip():
-            return 2 * len(branch.thresholds)
-    return 1
+    return len(branch.start(build_float_carrier(), 0.0, 0.0))

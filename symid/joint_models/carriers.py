@@ -82,49 +82,36 @@ def smooth(carrier: Carrier[V], speed: float) -> OperatorCarrier[V]:
 
 def build_float_carrier() -> OperatorCarrier[float]:
     """Return the carrier of Python floats."""
-    return OperatorCarrier(
-        zero=0.0,
-        one=1.0,
-        exp=math.exp,
-        tanh=math.tanh,
-        sin=math.sin,
-        cos=math.cos,
-        sign=lambda value: math.copysign(1.0, value) if value else 0.0,
-        maximum=max,
-        minimum=min,
-        power=math.pow,
-    )
+
+    def sign(value: float) -> float:
+        return math.copysign(1.0, value) if value else 0.0
+
+    others = {name: getattr(math, name) for name in ("exp", "tanh", "sin", "cos")}
+    return OperatorCarrier(zero=0.0, one=1.0, sign=sign, maximum=max, minimum=min, power=math.pow, **others)
 
 
-def _read_functions(module: Any) -> dict[str, Any]:  # noqa: ANN401 - numpy, sympy or casadi
-    return {name: getattr(module, name) for name in ("exp", "tanh", "sin", "cos", "sign")}
+_FUNCTIONS = ("exp", "tanh", "sin", "cos", "sign")
+
+
+def _read_functions(module: Any, *bounds: str) -> dict[str, Any]:  # noqa: ANN401 - numpy, sympy or casadi
+    """Return the functions of a module, `bounds` its names of |x|, the larger and the smaller of two."""
+    pairs = zip(("absolute", "maximum", "minimum"), bounds, strict=False)
+    names = {name: name for name in _FUNCTIONS} | dict(pairs)
+    return {name: getattr(module, own) for name, own in names.items()}
 
 
 def build_numpy_carrier() -> OperatorCarrier[FloatArray]:
     """Return the carrier of NumPy arrays, which may have any shapes that broadcast."""
-    return OperatorCarrier(
-        zero=np.zeros(()),
-        one=np.ones(()),
-        absolute=np.abs,
-        maximum=np.maximum,
-        minimum=np.minimum,
-        power=np.power,
-        **_read_functions(np),
-    )
+    functions = _read_functions(np, "abs", "maximum", "minimum")
+    return OperatorCarrier(zero=np.zeros(()), one=np.ones(()), power=np.power, **functions)
 
 
 def build_symbol_carrier() -> OperatorCarrier[Any]:
     """Return the carrier of SymPy expressions."""
     import sympy
 
-    return OperatorCarrier(
-        zero=sympy.Integer(0),
-        one=sympy.Integer(1),
-        absolute=sympy.Abs,
-        maximum=sympy.Max,
-        minimum=sympy.Min,
-        **_read_functions(sympy),
-    )
+    functions = _read_functions(sympy, "Abs", "Max", "Min")
+    return OperatorCarrier(zero=sympy.Integer(0), one=sympy.Integer(1), **functions)
 
 
 _TINY = 1e-100
@@ -137,12 +124,9 @@ def build_casadi_carrier() -> OperatorCarrier[Any]:
     return OperatorCarrier(
         zero=casadi.SX(0.0),
         one=casadi.SX(1.0),
-        absolute=casadi.fabs,
-        maximum=casadi.fmax,
-        minimum=casadi.fmin,
         # At zero, derivatives would hold its logarithm and negative powers, although they vanish.
         power=lambda base, exponent: casadi.fmax(base, _TINY) ** exponent,
-        **_read_functions(casadi),
+        **_read_functions(casadi, "fabs", "fmax", "fmin"),
     )
 
 

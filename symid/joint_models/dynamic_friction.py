@@ -10,10 +10,9 @@ The step is exact while the velocity is held, therefore stable for any length. D
 report TOR-0158(3107-18)-1 (1968); Canudas de Wit, Olsson, Astrom, Lischinsky, IEEE Trans. Automatic Control
 40 (1995) 419-425.
 
-Joints of a robot have one of `STATE_LAWS` of the catalogue. What their bristles do follows the way x alone,
-v h where v is held; elements of Maxwell-slip are springs that slip at their share a_k of g:
+Joints of a robot have one of `STATE_LAWS` of the catalogue. What their bristles do follows the way x = v h;
+elements of Maxwell-slip are springs that slip at their share a_k of g:
 
-    z(x) = z_e + (z - z_e) exp(-sigma0 |x| / g),  z_e = g sign(x) / sigma0
     z_k(x) = clamp(z_k + x, -+ a_k g / s_k),  tau_f = sum of s_k z_k + fV v           s_k: stiffness
 
 Supported: any carrier; several runs in one recording; a velocity of the step other than that of the sample.
@@ -69,8 +68,7 @@ def compute_bristle_rate(
 
     `values` are the parameters in the order of the law.
     """
-    bent = algebra.mul(values[0], state)
-    share = algebra.div(bent, law.level(algebra, velocity, values))
+    share = algebra.div(algebra.mul(values[0], state), law.level(algebra, velocity, values))
     return algebra.sub(velocity, algebra.mul(algebra.absolute(velocity), share))
 
 
@@ -139,7 +137,7 @@ def check_dynamic_values(law: DynamicLaw, values: Sequence[float]) -> None:
     mistakes = []
     if len(values) != len(law.parameters):
         mistakes.append(f" takes {len(law.names)} values ({', '.join(law.names)}), got {len(values)}")
-    for parameter, value in zip(law.parameters, values, strict=False) if not mistakes else ():
+    for parameter, value in () if mistakes else zip(law.parameters, values, strict=True):
         kept = value >= parameter.lower if parameter.lower_is_allowed else value > parameter.lower
         if not (math.isfinite(value) and kept and value <= parameter.upper):
             bound = "at least" if parameter.lower_is_allowed else "above"
@@ -147,9 +145,8 @@ def check_dynamic_values(law: DynamicLaw, values: Sequence[float]) -> None:
             text = f": {parameter.name} ({parameter.meaning}) must be {bound} {parameter.lower:g}{upper}"
             mistakes.append(f"{text}, got {value:g}")
     if mistakes:
-        raise UsageError(
-            *(Notice(code="joint.friction-values", text=f"friction {law.name!r}{text}") for text in mistakes)
-        )
+        texts = (f"friction {law.name!r}{text}" for text in mistakes)
+        raise UsageError(*(Notice(code="joint.friction-values", text=text) for text in texts))
 
 
 def get_dynamic_law(name: str) -> DynamicLaw:

@@ -48,11 +48,9 @@ class ElementStep(Generic[V]):
 def _name_branches(elasticity: elements.Elasticity) -> list[tuple[str, branches.Branch]]:
     """Return the branches with the beginnings of their values' names: slip_, slip1_, slip2_, ..."""
     kinds = [branch.kind for branch in elasticity.branches]
-    named = []
-    for place, branch in enumerate(elasticity.branches):
-        number = str(kinds[: place + 1].count(branch.kind)) if kinds.count(branch.kind) > 1 else ""
-        named.append((f"{branch.kind}{number}_", branch))
-    return named
+    numbers = [kinds[: k + 1].count(kind) if kinds.count(kind) > 1 else "" for k, kind in enumerate(kinds)]
+    heads = (f"{kind}{number}_" for kind, number in zip(kinds, numbers, strict=True))
+    return list(zip(heads, elasticity.branches, strict=True))
 
 
 def list_element_values(elasticity: elements.Elasticity) -> dict[str, float]:
@@ -77,11 +75,8 @@ def list_element_values(elasticity: elements.Elasticity) -> dict[str, float]:
         low, high = -radii, radii
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            below = (
-                operators.compute_outer_torque(terms, middle + radii)
-                + operators.compute_outer_torque(terms, middle - radii)
-                < 0.0
-            )
+            above, under = (operators.compute_outer_torque(terms, middle + way) for way in (radii, -radii))
+            below = above + under < 0.0
             low, high = np.where(below, middle, low), np.where(below, high, middle)
         above, under = (operators.compute_outer_integral(terms, low + way) for way in (radii, -radii))
         named["least"] = math.fsum((0.5 * weights * (above + under)).tolist())
@@ -203,8 +198,8 @@ def _compute_stored(
     if not (terms.above or terms.below):
         parts = [algebra.mul(terms.stiffness, halve_square(position))]
         if terms.cubic is not None:
-            square = algebra.mul(position, position)
-            parts.append(algebra.scale(0.5, algebra.mul(terms.cubic, halve_square(square))))
+            quartic = halve_square(algebra.mul(position, position))
+            parts.append(algebra.scale(0.5, algebra.mul(terms.cubic, quartic)))
         pairs = zip(terms.stops, plays, strict=True)
         parts += [algebra.mul(k, halve_square(algebra.sub(position, play))) for (_, k), play in pairs]
         return branches.add_all(algebra, parts)
@@ -252,20 +247,15 @@ def find_least_slope(elasticity: elements.Elasticity) -> float:
         return -math.inf
     terms = operators.read_spring_terms(elasticity)
     least = min(accumulate((k for _, k in reversed(terms.stops)), initial=terms.stiffness))
-    outer = [
-        slope
-        for side in (terms.above, terms.below)
-        for slope in accumulate((s for _, s in side), initial=1.0)
-    ]
+    sides = (terms.above, terms.below)
+    outer = [slope for side in sides for slope in accumulate((s for _, s in side), initial=1.0)]
     spring = least * (min(outer) if least > 0.0 else max(outer))
     return spring + math.fsum(branch.least_slope for branch in elasticity.branches)
 
 
 def find_most_slope(elasticity: elements.Elasticity) -> float:
     """Return a bound above of dy/dx at a held speed, its cubic part and damping left out, N m/rad or N/m."""
-    knees = (
-        math.fsum(knee.slope for knee in elasticity.knees if knee.threshold * side > 0.0) for side in (1, -1)
-    )
+    knees = (math.fsum(k.slope for k in elasticity.knees if k.threshold * side > 0.0) for side in (1, -1))
     slopes = math.fsum(branch.most_slope for branch in elasticity.branches)
     return (elasticity.initial_stiffness or 0.0) * (1.0 + max(0.0, *knees)) + slopes
 
@@ -303,9 +293,7 @@ def invert_step(
     `values` and `states`, before the step, are those of `advance_element`, which then moves the states there.
     """
     terms = _gather_spring(elasticity, values, algebra)
-    weights = [branches.add_all(algebra, [terms.stiffness, *(k for _, k in terms.stops)])]
-    weights += [algebra.sub(algebra.zero, k) for _, k in terms.stops]
-    plays = elements.Plays(weights=tuple(weights), thresholds=tuple(r for r, _ in terms.stops))
+    plays = elements.gather_plays(algebra, terms)
     memory = elements.invert_plays_memory(algebra, plays, states[1:])
     goal = algebra.sub(output, values["offset"]) if elasticity.offset else output
     found, _ = elements.advance_inverse_spring(algebra, elements.invert_spring(algebra, terms), goal, memory)

@@ -138,9 +138,8 @@ def build_law(
     **fields: Any,  # noqa: ANN401 - the other fields of the law
 ) -> FrictionLaw:
     """Return a law from names of parameters, "linear | shape | printed", `further` ones (linear, printed)."""
-    linear, shape, physical = (
-        tuple(_PARAMETERS[entry] for entry in part.split()) for part in parameters.split("|")
-    )
+    groups = (part.split() for part in parameters.split("|"))
+    linear, shape, physical = (tuple(_PARAMETERS[name] for name in names) for names in groups)
     linear, physical = (*linear, *(own for own, _ in further)), (*physical, *(own for _, own in further))
     names = [entry.name for entry in (*linear, *shape)]
     # Of printed parameters, the sum of which others they are.

@@ -19,6 +19,7 @@ V = TypeVar("V")
 Inputs = Mapping[str, V]
 Values = Sequence[V]
 Columns = tuple[V, ...]
+Orders = tuple[int, ...]
 _GAUSSIAN = 2.0
 
 
@@ -76,7 +77,7 @@ def _compute_decay(
     return carrier.exp(carrier.scale(-1.0, power))
 
 
-def _compute_powers(carrier: Carrier[V], velocity: V, orders: Sequence[int]) -> Columns[V]:
+def _compute_powers(carrier: Carrier[V], velocity: V, orders: Orders) -> Columns[V]:
     """Return |v|^(k-1) v for each order k, by products."""
     size, powers = carrier.absolute(velocity), [velocity]
     for _ in range(max(orders, default=1) - 1):
@@ -85,12 +86,7 @@ def _compute_powers(carrier: Carrier[V], velocity: V, orders: Sequence[int]) -> 
 
 
 def compute_stribeck_columns(
-    carrier: Carrier[V],
-    inputs: Inputs[V],
-    shape: Values[V],
-    *,
-    exponent: float | None,
-    orders: tuple[int, ...] = (),
+    carrier: Carrier[V], inputs: Inputs[V], shape: Values[V], *, exponent: float | None, orders: Orders = ()
 ) -> Columns[V]:
     """Return v, sign(v), exp(-|v / vs|^gamma) sign(v), |v|^(k-1) v for further orders k."""
     velocity = inputs["velocity"]
@@ -100,7 +96,7 @@ def compute_stribeck_columns(
 
 
 def compute_polynomial_columns(
-    carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V], *, orders: tuple[int, ...] = ()
+    carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V], *, orders: Orders = ()
 ) -> Columns[V]:
     """Return v, sign(v), |v|^(k-1) v for further orders k."""
     velocity = inputs["velocity"]
@@ -111,8 +107,7 @@ def compute_lorentzian_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Va
     """Return v, sign(v), sign(v) / (1 + (v / vs)^2)."""
     velocity = inputs["velocity"]
     sign, ratio = carrier.sign(velocity), carrier.div(velocity, shape[0])
-    bottom = carrier.add(carrier.one, carrier.mul(ratio, ratio))
-    return velocity, sign, carrier.div(sign, bottom)
+    return velocity, sign, carrier.div(sign, carrier.add(carrier.one, carrier.mul(ratio, ratio)))
 
 
 def compute_asymmetric_stribeck_columns(
@@ -151,8 +146,7 @@ def compute_shifted_columns(
 ) -> Columns[V]:
     """Return the Stribeck columns and the bias one; at the velocity v - dq0 where `shifted`."""
     velocity = inputs["velocity"]
-    if shifted:
-        velocity = carrier.sub(velocity, shape[1])
+    velocity = carrier.sub(velocity, shape[1]) if shifted else velocity
     columns = compute_stribeck_columns(carrier, {"velocity": velocity}, shape, exponent=exponent)
     return *columns, carrier.one
 
@@ -185,13 +179,7 @@ def compute_load_dependent_columns(
 
 
 def compute_position_dependent_columns(
-    carrier: Carrier[V],
-    inputs: Inputs[V],
-    _shape: Values[V],
-    *,
-    orders: tuple[int, ...],
-    gear: float,
-    dry: bool,
+    carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V], *, orders: Orders, gear: float, dry: bool
 ) -> Columns[V]:
     """Return v, sign(v), and cos, sin of k gear q for each order k, times sign(v) where friction is `dry`."""
     velocity, position = inputs["velocity"], inputs["position"]

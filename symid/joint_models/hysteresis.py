@@ -22,7 +22,6 @@ from functools import reduce
 from itertools import accumulate
 from typing import Generic, TypeVar
 
-from symid.errors import Notice, RobotError
 from symid.joint_models.branches import Branch, clamp, refuse_element
 from symid.joint_models.carriers import Carrier
 from symid.serialization import Finite
@@ -75,11 +74,7 @@ class Elasticity:
     offset: float = 0.0
 
     def __post_init__(self) -> None:
-        """Check what every later stage relies on.
-
-        Raises:
-            RobotError: thresholds that are not increasing, or zero; an outer function that does not rise.
-        """
+        """Raise a RobotError for thresholds that do not increase or are zero, or an outer function's fall."""
         stops = [stop.threshold for stop in self.stops]
         knees = [knee.threshold for knee in self.knees]
         mistakes = []
@@ -125,8 +120,9 @@ def compute_catalogue_knees(stiffnesses: Sequence[float], torques: Sequence[floa
     first, second, third = stiffnesses
     far = torques[0] + (torques[1] - torques[0]) * first / second
     pairs = ((torques[0], (second - first) / first), (far, (third - second) / first))
-    ordered = sorted((side * place, slope) for place, slope in pairs for side in (-1.0, 1.0) if slope)
-    return tuple(Knee(threshold=place, slope=slope) for place, slope in ordered)
+    sides = (-1.0, 1.0)
+    found = (Knee(threshold=s * place, slope=slope) for place, slope in pairs for s in sides if slope)
+    return tuple(sorted(found))
 
 
 V = TypeVar("V")
@@ -180,8 +176,8 @@ def advance_spring(
     """
     inner, plays = algebra.mul(spring.stiffness, torsion), []
     if spring.cubic is not None:
-        square = algebra.mul(torsion, torsion)
-        inner = algebra.add(inner, algebra.mul(spring.cubic, algebra.mul(square, torsion)))
+        cube = algebra.mul(algebra.mul(torsion, torsion), torsion)
+        inner = algebra.add(inner, algebra.mul(spring.cubic, cube))
     for (threshold, stiffness), before in zip(spring.stops, memory, strict=True):
         plays.append(compute_play(algebra, torsion, threshold, before))
         inner = algebra.add(inner, algebra.mul(stiffness, algebra.sub(torsion, plays[-1])))
@@ -210,11 +206,15 @@ def invert_spring(algebra: Carrier[V], spring: SpringTerms[V]) -> tuple[Plays[V]
     The outer function of the inverse comes first and has slope one at zero; then the plays:
     phi = w'_0 v + sum_i w'_i P'_i[v] with v = S^-1(tau). The cubic part must be absent.
     """
+    above, below = (invert_pieces(algebra, algebra.one, side) for side in (spring.above, spring.below))
+    return invert_plays(algebra, gather_plays(algebra, spring)), above, below
+
+
+def gather_plays(algebra: Carrier[V], spring: SpringTerms[V]) -> Plays[V]:
+    """Return the plays of a spring: w_0 = k0 + sum k_i, w_i = -k_i."""
     first = reduce(algebra.add, (stiffness for _, stiffness in spring.stops), spring.stiffness)
     weights = (first, *(algebra.sub(algebra.zero, stiffness) for _, stiffness in spring.stops))
-    plays = Plays(weights=weights, thresholds=tuple(threshold for threshold, _ in spring.stops))
-    above, below = (invert_pieces(algebra, algebra.one, side) for side in (spring.above, spring.below))
-    return invert_plays(algebra, plays), above, below
+    return Plays(weights=weights, thresholds=tuple(threshold for threshold, _ in spring.stops))
 
 
 def invert_pieces(algebra: Carrier[V], slope: V, terms: Terms[V]) -> Terms[V]:
@@ -267,9 +267,8 @@ def convert_to_normal_form(elasticity: Elasticity, outer_slope: float) -> Elasti
     Stiffnesses and knees of `elasticity` belong to tau = outer_slope v + sum_j s_j S_j(v). A RobotError for a
     slope that is not positive, or where the result is no elasticity.
     """
-    if not outer_slope > 0:
-        text = f"slope {outer_slope:g} of the outer function at zero: it must be positive"
-        raise RobotError(Notice(code="robot.invalid-elasticity", text=text))
+    text = f"slope {outer_slope:g} of the outer function at zero: it must be positive"
+    refuse_element([] if outer_slope > 0 else [text])
 
     def scale(value: float | None) -> float | None:
         return None if value is None else value * outer_slope
@@ -293,9 +292,8 @@ def convert_maxwell_elements(elements: Sequence[MaxwellElement]) -> tuple[Stop, 
     """
     stiffness: dict[float, float] = {}
     for element in elements:
-        if not (element.stiffness > 0 and element.force > 0):
-            text = f"stiffness {element.stiffness:g}, force {element.force:g}: both must be positive"
-            raise RobotError(Notice(code="robot.invalid-elasticity", text=text))
+        text = f"stiffness {element.stiffness:g}, force {element.force:g}: both must be positive"
+        refuse_element([] if element.stiffness > 0 and element.force > 0 else [text])
         threshold = element.force / element.stiffness
         stiffness[threshold] = stiffness.get(threshold, 0.0) + element.stiffness
     return tuple(Stop(threshold=key, stiffness=value) for key, value in sorted(stiffness.items()))
@@ -303,8 +301,5 @@ def convert_maxwell_elements(elements: Sequence[MaxwellElement]) -> tuple[Stop, 
 
 def list_maxwell_elements(elasticity: Elasticity) -> tuple[MaxwellElement, ...]:
     """Return the stops of an elasticity as springs behind dry friction, those of no stiffness left out."""
-    return tuple(
-        MaxwellElement(stiffness=stop.stiffness, force=stop.stiffness * stop.threshold)
-        for stop in elasticity.stops
-        if stop.stiffness
-    )
+    pairs = ((stop.stiffness, stop.threshold) for stop in elasticity.stops if stop.stiffness)
+    return tuple(MaxwellElement(stiffness=k, force=k * threshold) for k, threshold in pairs)

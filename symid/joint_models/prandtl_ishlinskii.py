@@ -26,20 +26,24 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.errors import Notice, RobotError
 from symid.joint_models import hysteresis as elements
+from symid.joint_models.branches import refuse_element
 from symid.joint_models.carriers import OperatorCarrier, build_float_carrier, build_numpy_carrier
+from symid.joint_models.hysteresis import Elasticity, SpringTerms
 
+Memory = FloatArray | None
+"""The play of each stop before the first sample; None for the virgin spring."""
 _FLOATS = build_float_carrier()
 _ARRAYS: OperatorCarrier[Any] = build_numpy_carrier()
 _ROUNDING = 1e-9
 
 
-def read_spring_terms(elasticity: elements.Elasticity) -> elements.SpringTerms[float]:
+def read_spring_terms(elasticity: Elasticity) -> SpringTerms[float]:
     """Return the numbers of an elasticity for the float carrier; its branches, backlash and offset apart."""
     if elasticity.initial_stiffness is None or elasticity.stiffness is None:
         text = "a stiffness of the spring is unknown; state it in the robot file, or identify it"
         raise RobotError(Notice(code="robot.unknown-stiffness", text=text))
     knees = elasticity.knees
-    return elements.SpringTerms(
+    return SpringTerms(
         stiffness=elasticity.stiffness,
         cubic=elasticity.cubic or None,
         stops=tuple((stop.threshold, stop.stiffness or 0.0) for stop in elasticity.stops),
@@ -49,26 +53,26 @@ def read_spring_terms(elasticity: elements.Elasticity) -> elements.SpringTerms[f
 
 
 def _read_spring(
-    elasticity: elements.Elasticity,
-) -> tuple[elements.SpringTerms[float], FloatArray, FloatArray]:
+    elasticity: Elasticity,
+) -> tuple[SpringTerms[float], FloatArray, FloatArray]:
     """Return the numbers of an elasticity, and r_i and k_i of its stops as arrays (m,)."""
     terms = read_spring_terms(elasticity)
     pairs = np.array(terms.stops, dtype=np.float64).reshape(-1, 2)
     return terms, pairs[:, 0], pairs[:, 1]
 
 
-def compute_outer_torque(terms: elements.SpringTerms[float], value: FloatArray) -> FloatArray:
+def compute_outer_torque(terms: SpringTerms[float], value: FloatArray) -> FloatArray:
     """Return S(v), N m or N, at values v of any shape."""
     return np.asarray(elements.compute_outer_function(_ARRAYS, value, terms.above, terms.below))
 
 
-def invert_outer(terms: elements.SpringTerms[float], torque: FloatArray) -> FloatArray:
+def invert_outer(terms: SpringTerms[float], torque: FloatArray) -> FloatArray:
     """Return v with S(v) = torque, N m or N, for torques of any shape."""
     above, below = (elements.invert_pieces(_FLOATS, 1.0, side) for side in (terms.above, terms.below))
     return np.asarray(elements.compute_outer_function(_ARRAYS, torque, above, below))
 
 
-def compute_outer_integral(terms: elements.SpringTerms[float], value: FloatArray) -> FloatArray:
+def compute_outer_integral(terms: SpringTerms[float], value: FloatArray) -> FloatArray:
     """Return G(v), the integral of S from 0 to v, at values v of any shape."""
     result = 0.5 * value * value
     for pieces, limit in ((terms.above, np.maximum), (terms.below, np.minimum)):
@@ -84,11 +88,7 @@ class PlayModel(elements.Plays[float]):
     thresholds: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        """Check what the inverse relies on.
-
-        Raises:
-            RobotError: thresholds out of order, a count that does not fit, a sum that does not rise.
-        """
+        """Raise a RobotError for thresholds out of order, a count that does not fit, or no rise."""
         mistakes = []
         if len(self.weights) != len(self.thresholds) + 1:
             mistakes.append(f"{len(self.thresholds)} thresholds need {len(self.thresholds) + 1} weights")
@@ -96,22 +96,21 @@ class PlayModel(elements.Plays[float]):
             mistakes.append("the thresholds of plays must be positive and increase, each once")
         if not all(slope > 0 for slope in np.cumsum(self.weights)):
             mistakes.append("w_0 + ... + w_i must be positive for every i: else the model does not rise")
-        if mistakes:
-            raise RobotError(*(Notice(code="robot.invalid-elasticity", text=text) for text in mistakes))
+        refuse_element(mistakes)
 
 
-def build_play_model(elasticity: elements.Elasticity) -> PlayModel:
+def build_play_model(elasticity: Elasticity) -> PlayModel:
     """Return the plays of an elasticity, knees and cubic part left out: w_0 = k0 + sum k_i, w_i = -k_i."""
     terms, radii, stiffness = _read_spring(elasticity)
     weights = (terms.stiffness + sum(stiffness.tolist()), *(-stiffness).tolist())
     return PlayModel(weights=weights, thresholds=tuple(radii.tolist()))
 
 
-def build_stops(model: PlayModel) -> elements.Elasticity:
+def build_stops(model: PlayModel) -> Elasticity:
     """Return the same model as an elasticity: k_i = -w_i, k0 = w_0 + ... + w_m."""
     pairs = zip(model.thresholds, model.weights[1:], strict=True)
     stops = tuple(elements.Stop(threshold=threshold, stiffness=-weight) for threshold, weight in pairs)
-    return elements.Elasticity(stiffness=sum(model.weights), stops=stops)
+    return Elasticity(stiffness=sum(model.weights), stops=stops)
 
 
 def invert_play_model(
@@ -144,7 +143,7 @@ def invert_play_model(
     return PlayModel(weights=inverse.weights, thresholds=inverse.thresholds), image
 
 
-def compute_plays(values: FloatArray, thresholds: FloatArray, memory: FloatArray | None = None) -> FloatArray:
+def compute_plays(values: FloatArray, thresholds: FloatArray, memory: Memory = None) -> FloatArray:
     """Return the plays (N, m) of an input (N,), exactly as sample after sample would give them.
 
     `thresholds` (m,) are not negative, in the unit of the input; `memory` (m,) has the plays before the first
@@ -201,15 +200,13 @@ def compute_clamps(
     return np.ascontiguousarray(states.transpose(1, 0, 2)).reshape(-1, state.size)[:count]
 
 
-def compute_stop_basis(
-    phi: FloatArray, thresholds: FloatArray, memory: FloatArray | None = None
-) -> FloatArray:
+def compute_stop_basis(phi: FloatArray, thresholds: FloatArray) -> FloatArray:
     """Return [phi, E_1 .. E_m] (N, m + 1); times k0, k_1 .. k_m they are the torque without knees."""
     phi = np.asarray(phi, dtype=np.float64)[:, None]
-    return np.hstack([phi, phi - compute_plays(phi[:, 0], thresholds, memory)])
+    return np.hstack([phi, phi - compute_plays(phi[:, 0], thresholds)])
 
 
-def compute_play_output(model: PlayModel, values: FloatArray, memory: FloatArray | None = None) -> FloatArray:
+def compute_play_output(model: PlayModel, values: FloatArray, memory: Memory = None) -> FloatArray:
     """Return w_0 x + sum_i w_i P_i[x] (N,) for an input (N,) and the plays (m,) before it."""
     values, weights = np.asarray(values, dtype=np.float64), np.array(model.weights)
     plays = compute_plays(values, np.array(model.thresholds), memory)
@@ -217,10 +214,10 @@ def compute_play_output(model: PlayModel, values: FloatArray, memory: FloatArray
 
 
 def compute_hysteresis_torque(
-    elasticity: elements.Elasticity,
+    elasticity: Elasticity,
     phi: FloatArray,
     dphi: FloatArray | None = None,
-    memory: FloatArray | None = None,
+    memory: Memory = None,
 ) -> FloatArray:
     """Return the torque (N,) of an elastic joint along its torsion.
 
@@ -236,9 +233,7 @@ def compute_hysteresis_torque(
     return torque if dphi is None else torque + elasticity.damping * np.asarray(dphi, dtype=np.float64)
 
 
-def invert_hysteresis(
-    elasticity: elements.Elasticity, torque: FloatArray, memory: FloatArray | None = None
-) -> FloatArray:
+def invert_hysteresis(elasticity: Elasticity, torque: FloatArray, memory: Memory = None) -> FloatArray:
     """Return the torsion (N,) at which an elastic joint has the torque (N,), N m or N, damping left out.
 
     `memory` has the plays of the torsion, as for `compute_hysteresis_torque`; a RobotError where no history
@@ -250,9 +245,7 @@ def invert_hysteresis(
     return compute_play_output(inverse, value, image)
 
 
-def compute_work_columns(
-    phi: FloatArray, thresholds: FloatArray, memory: FloatArray | None = None
-) -> FloatArray:
+def compute_work_columns(phi: FloatArray, thresholds: FloatArray, memory: Memory = None) -> FloatArray:
     """Return the work (N, m + 1) since the first sample per unit of k0, k_1 .. k_m.
 
     phi^2 / 2, and E_i^2 / 2 + r_i times the way of P_i, less their values at the first sample.
@@ -266,7 +259,7 @@ def compute_work_columns(
 
 
 def compute_inverse_plays(
-    elasticity: elements.Elasticity, phi: FloatArray, memory: FloatArray | None = None
+    elasticity: Elasticity, phi: FloatArray, memory: Memory = None
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return P'_i (N, m + 1), r'_i and w'_i (m + 1,) of phi = sum_i w'_i P'_i[v]; P'_0 = v, r'_0 = 0.
 
@@ -282,7 +275,7 @@ def compute_inverse_plays(
     return plays @ shares, np.array((0.0, *inverse.thresholds)), np.array(inverse.weights)
 
 
-def _refuse_cubic(elasticity: elements.Elasticity) -> None:
+def _refuse_cubic(elasticity: Elasticity) -> None:
     """Refuse a cubic part where the closed form is that of plays."""
     if elasticity.cubic:
         text = (
@@ -297,9 +290,7 @@ def _diff(values: FloatArray) -> FloatArray:
     return np.diff(values, axis=0, prepend=values[:1])
 
 
-def compute_spring_work(
-    elasticity: elements.Elasticity, phi: FloatArray, memory: FloatArray | None = None
-) -> FloatArray:
+def compute_spring_work(elasticity: Elasticity, phi: FloatArray, memory: Memory = None) -> FloatArray:
     """Return the work (N,) in J done on the spring since the first sample, damping left out."""
     phi = np.asarray(phi, dtype=np.float64)
     terms, radii, weights = _read_spring(elasticity)
@@ -317,9 +308,7 @@ def compute_spring_work(
     return np.cumsum((ends - starts) @ weights)
 
 
-def compute_stored_energy(
-    elasticity: elements.Elasticity, phi: FloatArray, memory: FloatArray | None = None
-) -> FloatArray:
+def compute_stored_energy(elasticity: Elasticity, phi: FloatArray, memory: Memory = None) -> FloatArray:
     """Return the energy U (N,) in J that the spring holds along its torsion (N,).
 
     Without knees U = k0 phi^2 / 2 + k3 phi^4 / 4 + sum_i k_i E_i^2 / 2.
@@ -338,9 +327,7 @@ def compute_stored_energy(
     return 0.5 * (upper + lower - rest) @ weights
 
 
-def compute_dissipation(
-    elasticity: elements.Elasticity, phi: FloatArray, memory: FloatArray | None = None
-) -> FloatArray:
+def compute_dissipation(elasticity: Elasticity, phi: FloatArray, memory: Memory = None) -> FloatArray:
     """Return the energy D (N,) in J lost since the first sample, damping left out; it never decreases.
 
     Without knees D = sum_i k_i r_i int |dP_i|.
@@ -355,19 +342,19 @@ def compute_dissipation(
     return np.cumsum(steps @ weights)
 
 
-def _compute_first_torque(elasticity: elements.Elasticity, phi: FloatArray) -> FloatArray:
+def _compute_first_torque(elasticity: Elasticity, phi: FloatArray) -> FloatArray:
     """Return v(A) = k0 A + sum_i k_i min(r_i, A), odd in A, without the cubic part."""
     terms, radii, weights = _read_spring(elasticity)
     return np.asarray(terms.stiffness * phi + np.clip(phi[..., None], -radii, radii) @ weights)
 
 
-def compute_first_curve(elasticity: elements.Elasticity, phi: FloatArray) -> FloatArray:
+def compute_first_curve(elasticity: Elasticity, phi: FloatArray) -> FloatArray:
     """Return the torque of a virgin spring that is turned to `phi` without reversal."""
     phi, terms = np.asarray(phi, dtype=np.float64), read_spring_terms(elasticity)
     return compute_outer_torque(terms, _compute_first_torque(elasticity, phi) + elasticity.cubic * phi**3)
 
 
-def compute_branch(elasticity: elements.Elasticity, reversal: float, phi: FloatArray) -> FloatArray:
+def compute_branch(elasticity: Elasticity, reversal: float, phi: FloatArray) -> FloatArray:
     """Return the torque on the way back from the first reversal: v = v(A) - 2 v((A - phi) / 2)   (Masing).
 
     `reversal` is the torsion A at which the way of a virgin spring was reversed, rad or m, of either sign;
@@ -379,7 +366,7 @@ def compute_branch(elasticity: elements.Elasticity, reversal: float, phi: FloatA
     return compute_outer_torque(terms, inner + elasticity.cubic * phi**3)
 
 
-def compute_cycle_loss(elasticity: elements.Elasticity, amplitude: float) -> float:
+def compute_cycle_loss(elasticity: Elasticity, amplitude: float) -> float:
     """Return the energy in J lost in a cycle +-A, knees left out: 4 sum_i k_i r_i max(A - r_i, 0)."""
     _, radii, weights = _read_spring(elasticity)
     slips = np.maximum(abs(amplitude) - radii, 0.0)

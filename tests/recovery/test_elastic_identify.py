@@ -26,7 +26,7 @@ from symid.identification.elastic.methods import (
 )
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
 from symid.identification.elastic.regression import prepare_elastic_signals
-from symid.identification.elastic.validation import predict_elastic
+from symid.identification.elastic.validation import evaluate_elastic
 from symid.identification.judge import POLICY
 from symid.identification.stored import read_fit, write_fit
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
@@ -208,10 +208,11 @@ def test_options_of_the_one_shot_problem_reach_it(tmp_path, arm, run):
     assert read_fit(write_fit(found, tmp_path / "estimate.json"), arm[1].card) == found
 
 
-def test_residuals_are_those_of_their_own_joints_where_a_spring_is_refused(arm, run, weighted):
+def test_residuals_are_those_of_their_own_joints_where_a_spring_is_refused(arm, run, estimate):
     """The torque that a residual is measured by is the joint's own, whichever joint comes before it."""
-    given = arm[1], run.recording, ElasticOptions(), weighted
-    whole, part = (predict_elastic(*given, identifiable=told) for told in ((True, True), (False, True)))
+    first, second = estimate.springs
+    refused = replace(estimate, springs=(replace(first, identifiable=False), second))
+    whole, part = (evaluate_elastic(one, arm[1], run.recording) for one in (estimate, refused))
     assert part.residuals[1][1] == whole.residuals[1][1][1:]
 
 

@@ -20,20 +20,19 @@ Not supported: ripple that grows with the load; encoders that run late (align th
 
 import math
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
+from itertools import compress
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays
+from symid.arrays import FloatArray
 from symid.codegen import Library
-from symid.errors import RobotError
 from symid.identification.elastic.elimination import compute_speeds, filter_band, solve_weighted
-from symid.identification.elastic.estimate import STEP, compute_covariance, list_spring_numbers, move_spring
+from symid.identification.elastic.estimate import STEP, compute_covariance, differentiate_spring
 from symid.identification.elastic.regression import (
     APART,
     MOVES,
@@ -50,13 +49,13 @@ from symid.identification.regression import solve_scaled
 from symid.joint_models import Elasticity
 from symid.logs import differentiate_smooth, shift_channel
 
+Effects = tuple[DriveEffect, ...]
 _PARTS = POLICY.folds * POLICY.parts
 _TURNS = 10.0
 """Periods of a wave within the range of a joint, at least: what friction and springs miss is longer."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Rows(FrozenArrays):
+class _Rows(NamedTuple):
     """Rows of all recordings, design @ chi = torque, and where each stands.
 
     Args:
@@ -67,13 +66,13 @@ class _Rows(FrozenArrays):
 
     signals: tuple[ElasticSignals, ...]
     edge: float
+    places: tuple[tuple[slice, NDArray[np.bool_]], ...]
     design: FloatArray
     torque: FloatArray
     group: NDArray[np.intp]
     joint: NDArray[np.intp]
     part: NDArray[np.intp]
     theta: FloatArray
-    places: tuple[tuple[slice, NDArray[np.bool_]], ...]
 
     def stack(self, columns: Sequence[FloatArray]) -> FloatArray:
         """Return the rows (m, k) of columns (N, n, k) of every recording, low-passed."""
@@ -106,10 +105,7 @@ class _Rows(FrozenArrays):
         return values, errors, 1.0 / scatter[self.group]
 
     def predict(self, extra: FloatArray, weights: FloatArray) -> FloatArray:
-        """Return the squared errors of every part and joint, each predicted by a fit to the other stretches.
-
-        They are relative to the squares of each joint's torque.
-        """
+        """Return the errors of parts and joints, predicted by the other stretches, over torques, squared."""
         whole = np.column_stack([self.design, extra, self.torque]) * weights[:, None]
         lengths = np.maximum(np.linalg.norm(whole, axis=0), numerics.TINY)
         fold, errors = self.part % _PARTS // POLICY.parts, np.empty(len(whole))
@@ -124,12 +120,10 @@ class _Rows(FrozenArrays):
         return np.asarray(table / np.maximum(np.bincount(self.joint, self.torque**2), numerics.TINY))
 
 
-def _build_rows(
-    library: Library, signals: Sequence[ElasticSignals], edge: float, limits: FloatArray
-) -> _Rows:
+def _build_rows(library: Library, parts: Sequence[ElasticSignals], edge: float, limits: FloatArray) -> _Rows:
     size, places = library.card.size, []
     columns: list[list[NDArray[Any]]] = []
-    for number, own in enumerate(signals):
+    for number, own in enumerate(parts):
         place, design, torque = filter_band(library, own, edge)
         kept = mark_sliding(own, 1.0 / edge, limits)[place] | (limits == 0.0)
         time, joint = np.arange(len(kept))[:, None], np.broadcast_to(np.arange(size), kept.shape)
@@ -137,14 +131,13 @@ def _build_rows(
         places.append((place, kept))
         values = (design, torque, number * size + joint, joint, part, own.theta[place])
         columns.append([entry[kept] for entry in values])
-    names = ("design", "torque", "group", "joint", "part", "theta")
-    rows = dict(zip(names, map(np.concatenate, zip(*columns, strict=True)), strict=True))
-    return _Rows(signals=tuple(signals), edge=edge, places=tuple(places), **rows)
+    whole = map(np.concatenate, zip(*columns, strict=True))
+    return _Rows(tuple(parts), edge, tuple(places), *whole)
 
 
 def measure_effects(
     library: Library, signals: Sequence[ElasticSignals], edge: float, limits: FloatArray
-) -> tuple[DriveEffect, ...]:
+) -> Effects:
     """Return the effects that recordings show beyond doubt, with their values.
 
     `signals` are hardly filtered, without effects; rows reach up to `edge` Hz. Motors slide that are faster
@@ -185,17 +178,15 @@ def measure_effects(
                 p, fall = float(gain.p[effect.joint]), float(gain.fall[effect.joint])
             tried.append((float(after.sum()), p, fall, effect, further))
         chances = adjust_chances([entry[1] for entry in tried])
-        sure = [entry for entry, p in zip(tried, chances, strict=True) if _is_clear(p, entry[2])]
+        # Squares fell surely, and by more than what does no harm.
+        falls = (entry[2] * (1.0 - POLICY.relevance) for entry in tried)
+        clear = [p < POLICY.alarm and fall > 1.0 for p, fall in zip(chances, falls, strict=True)]
+        sure = list(compress(tried, clear))
         if not sure:
             break
         *_, best, extra = min(sure, key=lambda entry: entry[0])
         found.append(best)
     return tuple(_measure_values(rows, found))
-
-
-def _is_clear(p: float, fall: float) -> bool:
-    """Return whether squares fell surely, and by more than what does no harm."""
-    return p < POLICY.alarm and fall * (1.0 - POLICY.relevance) > 1.0
 
 
 def _find_order(theta: FloatArray, errors: FloatArray) -> float:
@@ -242,9 +233,9 @@ def _measure_values(rows: _Rows, found: Sequence[DriveEffect]) -> Iterator[Drive
         if not late:
             return rows, np.hstack(others)
         signals = tuple(replace(part, tau=shift_channel(part.time, part.tau, -lag)) for part in rows.signals)
-        moved = replace(rows, signals=signals)
+        moved = rows._replace(signals=signals)
         torque = moved.stack([part.centred_torque[..., None] for part in signals])[:, 0]
-        return replace(moved, torque=torque), np.hstack([moved.build(ordered[0]), *others])
+        return moved._replace(torque=torque), np.hstack([moved.build(ordered[0]), *others])
 
     def leave(lag: float) -> float:
         moved, extra = move(lag)
@@ -282,9 +273,7 @@ _WAVE = 1.09
 eight other kinds gave 1.07 at most, discs that are off by a thirtieth of the torsion 1.1 to 2.2."""
 
 
-def measure_gears(
-    library: Library, signals: Sequence[ElasticSignals], beta: FloatArray
-) -> tuple[DriveEffect, ...]:
+def measure_gears(library: Library, signals: Sequence[ElasticSignals], beta: FloatArray) -> Effects:
     """Return the kinematic errors of the gears, given the links' base parameters (p,)."""
     found: list[DriveEffect] = []
     loads = [compute_link_torque(library, part, beta) for part in signals]
@@ -309,11 +298,8 @@ def measure_gears(
 
 def _compare_errors(before: Sequence[FloatArray], after: Sequence[FloatArray]) -> Gain:
     """Return how much less errors (M,) of every recording became, part by part."""
-    sides = (
-        [[np.mean(part**2)] for own in errors for part in np.array_split(own, _PARTS)]
-        for errors in (before, after)
-    )
-    return compare(*map(np.array, sides))
+    sides = ([part for own in errors for part in np.array_split(own, _PARTS)] for errors in (before, after))
+    return compare(*(np.array([[np.mean(part**2)] for part in side]) for side in sides))
 
 
 def compute_link_torque(library: Library, signals: ElasticSignals, beta: FloatArray) -> FloatArray:
@@ -385,13 +371,11 @@ def _fit_gear(
     return found, errors
 
 
-def measure_eccentricity(
-    library: Library, signals: Sequence[ElasticSignals], beta: FloatArray
-) -> tuple[DriveEffect, ...]:
+def measure_eccentricity(library: Library, signals: Sequence[ElasticSignals], beta: FloatArray) -> Effects:
     """Return the eccentricity of the links' encoders, given the links' base parameters (p,).
 
-    Gravity bends a spring by a wave of one turn, too, and so does much that a spring has: what a spring of
-    many stops leaves must be less by a share that such springs never reach. Deviations are open.
+    Gravity and springs have waves of one turn, too: what a spring of many stops leaves must be less by a
+    share that such springs never reach. Deviations are open.
     """
     found: list[DriveEffect] = []
     loads = [compute_link_torque(library, part, beta) for part in signals]
@@ -429,15 +413,12 @@ def measure_eccentricity(
         # Where a joint turns little, a wave far longer than its torsion would do for a spring.
         small = math.hypot(*values) < 0.5 * float(np.ptp(torsion))
         if small and gain.p_of_all < POLICY.alarm and gain.fall_of_all > _WAVE:
-            found.append(
-                DriveEffect(kind="link-eccentricity", joint=joint, order=1.0, values=tuple(values.tolist()))
-            )
+            ends = tuple(values.tolist())
+            found.append(DriveEffect(kind="link-eccentricity", joint=joint, order=1.0, values=ends))
     return tuple(found)
 
 
-def refine_eccentricity(
-    problem: ElasticProblem, chi: FloatArray, discs: Sequence[DriveEffect]
-) -> tuple[DriveEffect, ...]:
+def refine_eccentricity(problem: ElasticProblem, chi: FloatArray, discs: Sequence[DriveEffect]) -> Effects:
     """Return the eccentricities nearer to what springs with stops and knees leave least with.
 
     One step of Gauss and Newton for wave and spring together, in the torque of links with the dynamic
@@ -461,14 +442,7 @@ def refine_eccentricity(
 
         left, step = link[:, joint] - compute(spring), STEP * math.hypot(*disc.values)
         columns = [(compute(spring, way) - compute(spring, -way)) / (2.0 * step) for way in step * np.eye(2)]
-        for value, place in list_spring_numbers(spring):
-            # At the edge of what springs can be, a number stays.
-            with suppress(RobotError):
-                above, below = (
-                    compute(move_spring(spring, place, value * (1.0 + side * STEP))) for side in (1.0, -1.0)
-                )
-                columns.append((above - below) / (2.0 * STEP * value))
-        design = np.column_stack(columns)
+        design = np.column_stack([*columns, differentiate_spring(spring, compute)])
         moved = solve_scaled(design, left, rcond=numerics.RANK)
         deviations = np.sqrt(np.diag(compute_covariance(design, left - design @ moved)[:2, :2]))
         values = (np.array(disc.values) + moved[:2]).tolist()
@@ -476,9 +450,7 @@ def refine_eccentricity(
     return tuple(refined)
 
 
-def measure_offsets(
-    library: Library, signals: Sequence[ElasticSignals], beta: FloatArray
-) -> tuple[DriveEffect, ...]:
+def measure_offsets(library: Library, signals: Sequence[ElasticSignals], beta: FloatArray) -> Effects:
     """Return the offsets of torsions that lie beyond their own range: encoders with other zeros.
 
     A load of one sign bends a spring to one side, too: torsion = torque / k + offset is fitted, with the base
@@ -497,7 +469,6 @@ def measure_offsets(
         # The load explains no more than how far it is bent.
         if low <= offset <= high:
             half = 0.5 * (high - low)
-            found.append(
-                DriveEffect(kind="torsion-offset", joint=joint, values=(middle,), deviations=(half,))
-            )
+            own = DriveEffect(kind="torsion-offset", joint=joint, values=(middle,), deviations=(half,))
+            found.append(own)
     return tuple(found)

@@ -19,13 +19,13 @@ Not supported: encoder noise as large as torque noise within the band; the motor
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays
+from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice
 from symid.identification.elastic import regression
@@ -44,8 +44,7 @@ def fit_elimination(problem: regression.ElasticProblem) -> MethodFit:
     return build_method_fit("elimination", chi, problem.sizes, springs)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class BandRows(FrozenArrays):
+class BandRows(NamedTuple):
     """Equations design @ chi = torque of all recordings.
 
     Args:
@@ -63,8 +62,13 @@ class BandRows(FrozenArrays):
 
     def select(self, kept: NDArray[np.bool_]) -> "BandRows":
         """Return the rows of a mask (m,)."""
-        parts = {name: getattr(self, name)[kept] for name in ("design", "torque", "group", "time", "slide")}
-        return BandRows(**parts)
+        parts: list[Any] = [part[kept] for part in self]
+        return BandRows(*parts)
+
+    def weigh(self, scatter: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return design and torque over the `scatter` (g,) of their groups."""
+        weights = 1.0 / scatter[self.group]
+        return self.design * weights[:, None], self.torque * weights
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -99,27 +103,27 @@ def solve_weighted(
     return values, errors, scatter
 
 
-def fit_band(card: ModelCard, rows: BandRows, known: FloatArray | None = None) -> BandFit:
-    """Return the weighted least-squares fit; `known` is that of `solve_with_signs`."""
+def fit_band(
+    card: ModelCard, rows: BandRows, known: FloatArray | None = None, scatter: FloatArray | None = None
+) -> BandFit:
+    """Return the least-squares fit over `scatter` (g,), its own where None; `known` as `solve_with_signs`."""
     solve = partial(regression.solve_with_signs, card, known=known)
-    chi, _, scatter = solve_weighted(solve, rows.design, rows.torque, rows.group)
-    covariance = compute_covariance(rows.design / scatter[rows.group][:, None], known=known)
+    if scatter is None:
+        chi, _, scatter = solve_weighted(solve, *rows[:3])
+    else:
+        chi = solve(*rows.weigh(scatter))
+    covariance = compute_covariance(rows.weigh(scatter)[0], known=known)
     return BandFit(chi=chi, covariance=covariance, scatter=scatter)
 
 
 def fit_momentum(problem: regression.ElasticProblem) -> MethodFit:
     """Return dynamics from momenta, and the springs that remain; raise UsageError if windows do not fit."""
-    length = problem.options.window
+    length, card = problem.options.window, problem.library.card
     parts = [_integrate_equations(problem.library, signals, length) for signals in problem.signals]
     design, impulse = (np.concatenate(part) for part in zip(*parts, strict=True))
-    rows = BandRows(
-        design=design.reshape(-1, design.shape[2]),
-        torque=impulse.reshape(-1),
-        group=np.tile(np.arange(impulse.shape[1]), len(impulse)),
-        time=np.zeros(impulse.size),
-        slide=np.zeros(impulse.size, dtype=np.intp),
-    )
-    chi = fit_band(problem.library.card, rows, problem.known).chi
+    solve = partial(regression.solve_with_signs, card, known=problem.known)
+    group = np.tile(np.arange(card.size), len(impulse))
+    chi, *_ = solve_weighted(solve, design.reshape(-1, design.shape[2]), impulse.reshape(-1), group)
     springs = problem.fit_springs(problem.compute_motor_side(chi))
     return build_method_fit("momentum", chi, problem.sizes, springs)
 
@@ -149,11 +153,12 @@ def _integrate_equations(
     """Return design (m, n, p + n + pf) and impulses (m, n) in N m s or N s of windows of `length` s."""
     first = signals.settled
     windows = choose_windows(len(signals.time) - first, signals.period, length)
+
+    def rise(values: FloatArray) -> FloatArray:
+        return np.diff(values[first:][windows.ends], axis=0)
+
     design = regression.build_equations(
-        library,
-        signals,
-        lambda values: np.diff(values[first:][windows.ends], axis=0),
-        lambda values: integrate_windows(values[first:], windows),
+        library, signals, rise, lambda values: integrate_windows(values[first:], windows)
     )
     if signals.hold != "zero":
         return design, integrate_windows(signals.tau[first:], windows)
@@ -192,15 +197,12 @@ def build_band_rows(library: Library, signals: Sequence[regression.ElasticSignal
         edge = regression.choose_edge(part.period, band)
         keep, design, torque = filter_band(library, part, edge)
         time = np.repeat(np.arange(len(part.time))[keep] / len(part.time), joints)
-        slide = np.sum(
-            [regression.mark_sliding(part, 1.0 / edge, share * speeds)[keep] for share in SHARES], axis=0
-        )
+        slides = [regression.mark_sliding(part, 1.0 / edge, share * speeds)[keep] for share in SHARES]
+        slide = np.sum(slides, axis=0)
         group = np.broadcast_to(number * joints + np.arange(joints), torque.shape)
-        parts.append(
-            (design.reshape(-1, design.shape[2]), torque.ravel(), group.ravel(), time, slide.ravel())
-        )
-    names = ("design", "torque", "group", "time", "slide")
-    return BandRows(**dict(zip(names, map(np.concatenate, zip(*parts, strict=True)), strict=True)))
+        whole = design.reshape(-1, design.shape[2])
+        parts.append((whole, torque.ravel(), group.ravel(), time, slide.ravel()))
+    return BandRows(*map(np.concatenate, zip(*parts, strict=True)))
 
 
 def measure_torque_noise(recordings: Sequence[Recording], band: float) -> FloatArray:
@@ -235,9 +237,8 @@ def choose_sliding_rows(
     """Return the rows without motors so slow that the estimate moves when they are left out, and the limit.
 
     Friction near rest is no function of the speed (presliding, Stribeck). The least limit is taken at which
-    the estimate agrees with those of all larger ones (Hausman 1978); weights are those of the largest. It is
-    a share of the joints' RMS speeds, 0 where all rows stay. The test looks along all directions of the
-    parameters alike: what friction near rest moves, inertias, is little of the torque.
+    the estimate agrees with those of all larger ones in all directions (Hausman 1978); weights are those of
+    the largest. It is a share of the joints' RMS speeds, 0 where all rows stay.
     """
     blocks = POLICY.folds * POLICY.parts
     sets = [rows.select(rows.slide >= level) for level in range(len(SHARES) + 1)]
@@ -253,20 +254,12 @@ def choose_sliding_rows(
     fast, whole = (fit_band(card, sets[level], known).scatter for level in (usable[-1], 0))
     fast = np.pad(fast, (0, len(whole) - len(fast)))
     scatter = np.where(sizes[usable[-1]] >= blocks, fast, whole)
-    fits = [_fit_with(card, sets[level], scatter, known) for level in usable]
+    fits = [fit_band(card, sets[level], known, scatter) for level in usable]
     for number, fit in enumerate(fits):
         level, chances = usable[number], [_compute_chance(fit, other) for other in fits[number + 1 :]]
         if min(adjust_chances(chances), default=1.0) >= POLICY.alarm:
             break
     return sets[level], (0.0, *SHARES)[level]
-
-
-def _fit_with(card: ModelCard, rows: BandRows, scatter: FloatArray, known: FloatArray | None) -> BandFit:
-    """Return the fit of rows whose groups have a `scatter` (g,) that is given."""
-    weights = 1.0 / scatter[rows.group]
-    design, torque = rows.design * weights[:, None], rows.torque * weights
-    chi = regression.solve_with_signs(card, design, torque, known)
-    return BandFit(chi=chi, covariance=compute_covariance(design, known=known), scatter=scatter)
 
 
 def _compute_chance(fit: BandFit, other: BandFit) -> float:
@@ -318,9 +311,7 @@ def fit_independent(problem: regression.ElasticProblem, *, encoder: bool = False
     speeds = [compute_speeds([part]) for part in problem.signals]
     springs = []
     for joint in range(problem.sizes[1]):
-        moves = [
-            number for number in apart if speeds[number][joint] > regression.MOVES * speeds[number].max()
-        ]
+        moves = [i for i in apart if speeds[i][joint] > regression.MOVES * speeds[i].max()]
         used = moves or list(apart)
         signals, rows = [problem.signals[i] for i in used], [problem.filtered[i] for i in used]
         parts = [np.ascontiguousarray(torsions[number][:, joint]) for number in used]

@@ -191,9 +191,8 @@ class ElasticEstimate(DynamicsRecord):
     def list_mistakes(self) -> list[str]:
         """Return what is wrong with a record from a file: entries that do not fit each other."""
         mistakes = DynamicsRecord.list_mistakes(self)
-        counts = dict.fromkeys(regression.WAVES, 2) | dict.fromkeys(
-            ("torque-lag", "link-friction", "torsion-offset"), 1
-        )
+        single = ("torque-lag", "link-friction", "torsion-offset")
+        counts = dict.fromkeys(regression.WAVES, 2) | dict.fromkeys(single, 1)
         for effect in self.effects:
             count, joints = counts.get(effect.kind), range(-1, len(self.residual))
             whole = len(effect.values) == len(effect.deviations) == count and effect.joint in joints
@@ -316,11 +315,8 @@ def compute_covariance(
 ) -> FloatArray:
     """Return the covariance (p, p) of a least-squares fit, with infinite variances where not identifiable.
 
-    It is zero for those of the `known` (p,) that are no NaN.
-
     G = (F'F)^-1 of rows F (m, p) for noise of size one; with errors e (m,), in the order of time,
-    G (sum_b F_b' e_b e_b' F_b) G over blocks b, which holds for noise that differs from row to row and is
-    correlated within blocks (Liang and Zeger 1986).
+    G (sum_b F_b' e_b e_b' F_b) G over blocks b. It is zero for those of the `known` (p,) that are no NaN.
     """
     if known is not None and not np.all(np.isnan(known)):
         free = np.flatnonzero(np.isnan(known))
@@ -361,6 +357,21 @@ def move_spring(spring: Elasticity, place: SpringPlace, value: float) -> Elastic
     return replace(spring, **{name: tuple(whole)})  # type: ignore[arg-type]  # stops, knees or branches
 
 
+def differentiate_spring(spring: Elasticity, compute: Callable[[Elasticity], FloatArray]) -> FloatArray:
+    """Return the derivatives (M, k) of what a spring gives (M,) by all its numbers."""
+    columns = []
+    for number, place in list_spring_numbers(spring):
+        step, sides = STEP * abs(number), []
+        for value in (number + step, number - step, number):
+            # At the edge of what springs can be, such as a knee that all but flattens them, one side is left.
+            with suppress(RobotError):
+                sides.append((move_spring(spring, place, value), value))
+        if len(sides) > 1:
+            (above, high), (below, low) = sides[:2]
+            columns.append((compute(above) - compute(below)) / (high - low))
+    return np.column_stack(columns) if columns else np.empty((len(compute(spring)), 0))
+
+
 def measure_spring_spread(
     spring: Elasticity,
     compute: Callable[[Elasticity], Sequence[FloatArray]],
@@ -372,40 +383,22 @@ def measure_spring_spread(
 
     The slope is the largest one, of springs without branches that near zero.
 
-    Args:
-        spring: N m/rad or N/m.
-        compute: returns F[torque] (M,) of another spring at the rows of every recording, N m or N.
-        columns: (M, p) of the links' parameters there.
-        errors: (M,) what the spring leaves, N m or N.
-        covariance: (p, p) of these parameters, finite.
+    Of every recording, `compute` returns F[torque] (M,) of another spring, `columns` (M, p) are those of the
+    links' parameters, `errors` (M,) what the spring leaves; N m or N. `covariance` (p, p) is finite.
     """
-    slopes, parts = [], []
-    for number, place in list_spring_numbers(spring):
-        step, sides = STEP * abs(number), []
-        for value in (number + step, number - step, number):
-            # At the edge of what springs can be, such as a knee that all but flattens them, one side is left.
-            with suppress(RobotError):
-                sides.append((move_spring(spring, place, value), value))
-        if len(sides) == 1:
-            continue
-        (above, high), (below, low) = sides[:2]
-        pairs = zip(compute(above), compute(below), strict=True)
-        parts.append([(ahead - behind) / (high - low) for ahead, behind in pairs])
-        slopes.append((_get_slope(above) - _get_slope(below)) / (high - low))
-    jacobians = [np.stack(part, axis=1) for part in zip(*parts, strict=True)]
-    whole = np.concatenate(jacobians)
+    whole = differentiate_spring(spring, lambda moved: np.concatenate(compute(moved)))
+    slopes = differentiate_spring(spring, lambda moved: np.array([_get_slope(moved)]))[0]
     lengths: FloatArray = np.linalg.norm(whole, axis=0)
     # A number without effect has no deviation that matters.
     lengths = np.where(lengths > 0.0, lengths, np.inf)
     scaled = whole / lengths
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=numerics.RANK, hermitian=True)
     carried = inverse @ (scaled.T @ np.concatenate(columns))
-    spread = carried @ covariance @ carried.T
-    for jacobian, error in zip(jacobians, errors, strict=True):
-        owner = np.zeros(len(error), dtype=np.intp)
-        spread += inverse @ sum_block_scores(jacobian / lengths, error, owner, STRETCHES)[0] @ inverse
+    owner = np.repeat(np.arange(len(errors)), [len(error) for error in errors])
+    scores, _ = sum_block_scores(scaled, np.concatenate(errors), owner, STRETCHES)
+    spread = carried @ covariance @ carried.T + inverse @ scores @ inverse
     torque = float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", scaled, spread, scaled))))
-    way = np.array(slopes) / lengths
+    way = slopes / lengths
     # States are filtered, which rounds the corner at a reversal, where the slope is that near zero. Changes
     # by a knee on each side of a torque that small are what noise makes, and in doubt as a whole.
     soon = POLICY.relevance * max(float(np.max(np.abs(part))) for part in compute(spring))
@@ -471,11 +464,10 @@ def compute_spring_bound(
         drive = _build_exact(library, part)[:, :, beta:]
         motor.append(np.concatenate([drive, torques], axis=2) / sigma[:, None])
         # Of links and springs, integrated over windows.
+        add = partial(_integrate, period=part.period)
         ends = slice(None, None, max(1, round(ElasticOptions().window / part.period)))
-        links = regression.build_equations(
-            library, part, np.asarray, partial(_integrate, period=part.period), ends
-        )
-        link.append(np.concatenate([links[:, :, :beta], -_integrate(torques, part.period)[ends]], axis=2))
+        links = regression.build_equations(library, part, np.asarray, add, ends)
+        link.append(np.concatenate([links[:, :, :beta], -add(torques)[ends]], axis=2))
     motors, links = (
         np.concatenate([rows.reshape(-1, rows.shape[2]) for rows in side])
         for side in (motor, [np.diff(rows, axis=0) for rows in link])

@@ -44,9 +44,7 @@ def _list_springs(
         if not problem.gives[joint]:
             continue
         phi, stated = [part.phi[:, joint] for part in signals], card.elasticity[joint]
-        torque = np.concatenate(
-            [regression.compute_joint_torque(elasticity, part, joint) for part in signals]
-        )
+        torques = [regression.compute_joint_torque(elasticity, part, joint) for part in signals]
         # A stop is sure to have slipped once the torsion's range exceeds twice its threshold.
         span = max(float(np.ptp(part)) for part in phi)
         slipped = [stop.threshold for stop in elasticity.stops if 2.0 * stop.threshold <= span]
@@ -69,16 +67,13 @@ def _list_springs(
             elasticity=elasticity,
             torsion=float(np.abs(np.concatenate(phi)).max()),
             excited=max(slipped, default=0.0),
-            torque=float(np.abs(torque).max()),
+            torque=max(float(np.abs(torque).max()) for torque in torques),
             truth=stated if stated is not None and stated.initial_stiffness is not None else None,
             identifiable=joint not in refused,
             reason=refused[joint].text if joint in refused else "",
             torque_std=torque_std,
             slope_std=slope_std,
         )
-
-
-_INSEPARABLE = "not identifiable: these motions do not separate it from others"
 
 
 def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapping[int, Notice]:
@@ -157,22 +152,17 @@ def warn_of_fit(
         notices.append(build_warning("elastic.not-identifiable", names=", ".join(unknown)))
     percents = 100.0 * methods.compute_relative_deviations(work, fit)
     names = np.array([card.name for card in regression.list_parameter_cards(library.card)])
-    poor = ", ".join(
-        name for name in names[(percents > POLICY.uncertain) & (percents < np.inf)] if name not in unknown
-    )
+    wide = names[(percents > POLICY.uncertain) & (percents < np.inf)]
+    poor = ", ".join(name for name in wide if name not in unknown)
     if poor:
         notices.append(build_warning("elastic.poorly-identifiable", percent=POLICY.uncertain, names=poor))
     poses = [Recording(time=part.time, position=part.q, torque=part.tau) for part in work.problem.signals]
     return (
         *notices,
-        *_warn_of_energy(work, fit),
+        *(warn_of_energy(work.problem.sizes[1]) if fit.method in methods.ENERGY_METHODS else ()),
         *_warn_of_springs(work, fit, refused),
         *warn_of_mass_matrix(library, fit.beta, poses),
     )
-
-
-def _warn_of_energy(work: methods.ElasticEquations, fit: estimate.MethodFit) -> tuple[Notice, ...]:
-    return warn_of_energy(work.problem.sizes[1]) if fit.method in methods.ENERGY_METHODS else ()
 
 
 def list_unknown_parameters(work: methods.ElasticEquations, fit: estimate.MethodFit) -> dict[str, str]:
@@ -323,9 +313,8 @@ def _build_estimate(
     problem, fit = work.problem, choice.fit
     library = problem.library
     cards, joints = regression.list_parameter_cards(library.card), library.card.joints
-    identifiable, condition = estimate.measure_identifiability(
-        methods.build_linear_rows(work, fit).design, problem.known
-    )
+    design = methods.build_linear_rows(work, fit).design
+    identifiable, condition = estimate.measure_identifiability(design, problem.known)
     # F[tau_J] by the motor equation, and what the springs leave of it; the same of the energy, J.
     target = problem.compute_motor_side(fit.chi)
     left = target - np.concatenate(compute_spring_torques(problem, fit))
@@ -348,15 +337,17 @@ def _build_estimate(
             springs[joint] = Notice(code="elastic.no-spring", text=text)
     springs = dict(sorted(springs.items()))
     if len(springs) == sum(problem.gives):
-        raise IdentifiabilityError(*springs.values(), *_warn_of_energy(work, fit))
+        energy = warn_of_energy(problem.sizes[1]) if fit.method in methods.ENERGY_METHODS else ()
+        raise IdentifiabilityError(*springs.values(), *energy)
     columns = zip(joints, left.T, problem.stack_filtered()[1].T, strict=True)
-    warnings = warn_of_fit(work, fit, springs)
+    residual = [Residual.measure(card.name, own, whole, card.torque_unit) for card, own, whole in columns]
+    warnings = (*warn_of_fit(work, fit, springs), *_tell_known(work, contradicted))
     # Rotors of rigid joints have a place in chi only.
     shown = np.flatnonzero(~regression.mark_rigid_rotors(library.card)).tolist()
     covariance = None if fit.covariance is None else np.asarray(fit.covariance)[np.ix_(shown, shown)]
-    refused = list_unknown_parameters(work, fit) | {
-        card.name: _INSEPARABLE for card, known in zip(cards, identifiable, strict=True) if not known
-    }
+    text = "not identifiable: these motions do not separate it from others"
+    mixed = (card.name for card, known in zip(cards, identifiable, strict=True) if not known)
+    refused = list_unknown_parameters(work, fit) | dict.fromkeys(mixed, text)
     return estimate.ElasticEstimate(
         robot=library.card.robot,
         signature=library.card.signature,
@@ -365,9 +356,7 @@ def _build_estimate(
         reason=choice.reason,
         parameters=list_parameters([cards[k] for k in shown], fit.chi[shown], covariance),
         springs=tuple(_list_springs(work, fit, springs)),
-        residual=tuple(
-            Residual.measure(card.name, error, torque, card.torque_unit) for card, error, torque in columns
-        ),
+        residual=tuple(residual),
         energy=Residual.measure("all joints", errors, problem.supplied, "J"),
         condition=condition,
         outcome=fit.outcome,
@@ -390,13 +379,7 @@ def _build_estimate(
         covariance=() if covariance is None else tuple(map(tuple, covariance.tolist())),
         effects=work.effects,
         evidence=evidence,
-        notices=(
-            *springs.values(),
-            *choice.notices,
-            *fit.notices,
-            *warnings,
-            *_tell_known(work, contradicted),
-        ),
+        notices=(*springs.values(), *choice.notices, *fit.notices, *warnings),
     )
 
 

@@ -144,9 +144,8 @@ def build_elastic_equations(
     ) -> tuple[list[regression.ElasticSignals], elimination.BandRows, FloatArray, elimination.BandFit]:
         # Signals without effects, rows in the band of them, up to which speeds motors may stick, and a fit.
         broad = prepare(effects)
-        rows, share = elimination.choose_sliding_rows(
-            library.card, elimination.build_band_rows(library, broad, band), known
-        )
+        rows = elimination.build_band_rows(library, broad, band)
+        rows, share = elimination.choose_sliding_rows(library.card, rows, known)
         limits = share * elimination.compute_speeds(broad)
         return broad, rows, limits, elimination.fit_band(library.card, rows, known)
 
@@ -177,9 +176,7 @@ def build_elastic_equations(
                 effects = (*effects, *further)
                 broad = prepare(effects)
     if effects:
-        signals = [
-            regression.prepare_elastic_signals(recording, options, effects) for recording in recordings
-        ]
+        signals = [regression.prepare_elastic_signals(log, options, effects) for log in recordings]
     problem = regression.build_elastic_problem(library, signals, options, limits)
     filtered = any(part.cutoff for part in signals)
     return ElasticEquations(
@@ -215,9 +212,8 @@ def fit_method(
     # Variances are infinite where the rows do not identify.
     rows = build_linear_rows(work, fit)
     if fit.covariance is None:
-        covariance = estimate.compute_covariance(
-            rows.design, rows.right - rows.design @ fit.chi, problem.known
-        )
+        left = rows.right - rows.design @ fit.chi
+        covariance = estimate.compute_covariance(rows.design, left, problem.known)
     else:
         identifiable = estimate.measure_identifiability(rows.design, problem.known)[0]
         covariance = estimate.mark_unidentifiable(fit.covariance, identifiable)
@@ -254,8 +250,7 @@ def build_linear_rows(work: ElasticEquations, fit: estimate.MethodFit) -> togeth
     """Return the equations that are linear in the dynamics of `fit`, its springs given."""
     problem, band = work.problem, work.rows
     if fit.method == "weighted":
-        weights = 1.0 / work.band.scatter[band.group]
-        return together.LinearRows(band.design * weights[:, None], band.torque * weights, band.time)
+        return together.LinearRows(*band.weigh(work.band.scatter), band.time)
     if fit.method in ENERGY_METHODS:
         pairs = zip(problem.signals, problem.energy, strict=True)
         times = [(np.arange(len(part.time)) / len(part.time))[rows.ends][:-1] for part, rows in pairs]
@@ -293,9 +288,8 @@ def build_candidate(work: ElasticEquations, fit: estimate.MethodFit) -> MethodCa
     if fit.method == "linear-spring":
         # Its springs are linear too, and are fitted with the dynamics.
         work_of_springs = work.problem.compute_stop_work([np.zeros(0)] * card.size)
-        rows = together.LinearRows(
-            np.hstack([rows.design, work_of_springs]), work.problem.supplied, rows.time
-        )
+        whole = np.hstack([rows.design, work_of_springs])
+        rows = together.LinearRows(whole, work.problem.supplied, rows.time)
     folds = assign_parts(rows.time, POLICY.folds)
 
     def refit(fold: int) -> FloatArray:
@@ -308,15 +302,11 @@ def build_candidate(work: ElasticEquations, fit: estimate.MethodFit) -> MethodCa
 def weigh_evidence(
     work: ElasticEquations, fit: estimate.MethodFit, contradiction: float, known: float
 ) -> estimate.ElasticEvidence:
-    """Return what fits without a stretch of the logs leave of it, and the springs of the links' torque.
-
-    `contradiction` and `known` are those of `ElasticEvidence`.
-    """
+    """Return what fits without a stretch of the logs leave of it, and springs of the links' torque."""
     size, rows = work.problem.sizes[1], work.rows
     errors, joint = predict_held_out(build_candidate(work, fit), rows), rows.group % size
-    left, whole = (
-        np.bincount(joint, values**2, minlength=size).astype(np.float64) for values in (errors, rows.torque)
-    )
+    squares = errors**2, rows.torque**2
+    left, whole = (np.bincount(joint, part, minlength=size).astype(np.float64) for part in squares)
     # A joint without torque has no noise either.
     floor = numerics.CONVERGED * max(float(np.sqrt(np.mean(rows.torque**2))), numerics.TINY)
     beyond = np.bincount(joint, (errors / np.maximum(work.noise[rows.group], floor)) ** 2, minlength=size)
@@ -376,7 +366,7 @@ class MethodSelection:
     fit: estimate.MethodFit
     reason: str
     errors: Mapping[str, float] = field(default_factory=dict)
-    contradiction: float = 0.0
+    contradiction: float
     notices: tuple[Notice, ...] = ()
 
 
@@ -411,10 +401,7 @@ def choose_fit(work: ElasticEquations, fits: Sequence[estimate.MethodFit]) -> Me
 
 
 def find_contradiction(work: ElasticEquations, fit: estimate.MethodFit) -> tuple[str, float]:
-    """Return what speaks against a fit that rests on springs, "" for nothing, and how much, over its limit.
-
-    The latter is 0 for a fit that does not rest on springs.
-    """
+    """Return what speaks against a fit that rests on springs, if any, and how much, over its limit."""
     if fit.method not in SPRUNG_METHODS:
         return "", 0.0
     known, apart, spread = _list_differences(work, fit)
@@ -439,10 +426,9 @@ def list_contradicted(work: ElasticEquations) -> tuple[float, tuple[tuple[str, f
     if not np.any(told):
         return 0.0, ()
     alone = elimination.fit_band(card, work.rows, unknown)
-    weights = 1.0 / alone.scatter[work.rows.group]
-    design, errors = work.rows.design * weights[:, None], work.rows.torque - work.rows.design @ alone.chi
+    design, torque = work.rows.weigh(alone.scatter)
     # Noise that is not white must not look like a contradiction.
-    spread = estimate.compute_covariance(design, errors * weights, unknown)
+    spread = estimate.compute_covariance(design, torque - design @ alone.chi, unknown)
     known = np.flatnonzero(told & np.isfinite(np.diag(spread)))
     apart, spread = (alone.chi - problem.known)[known], spread[np.ix_(known, known)]
     sizes = np.abs(_find_sure(apart, spread)) / (POLICY.relevance * _measure_sizes(work, alone.chi)[known])
@@ -524,10 +510,8 @@ def choose_springs(
         phi, torque = (np.concatenate([getattr(part, name) for part in rows]) for name in ("phi", "torque"))
         velocity = np.concatenate([differentiate_smooth(part.phi, part.period) for part in rows])
         period = np.concatenate([np.full(len(part.phi), part.period) for part in rows])
-        begins, kept = (
-            np.cumsum([0, *(len(part.phi) for part in rows)]).tolist(),
-            np.zeros(len(phi), dtype=bool),
-        )
+        kept = np.zeros(len(phi), dtype=bool)
+        begins = np.cumsum([0, *(len(part.phi) for part in rows)]).tolist()
         for start, part in zip(begins, rows, strict=False):
             kept[start + part.kept.start : start + part.kept.stop] = True
         path = ElementPath(position=phi, velocity=velocity, period=period, begins=tuple(begins[:-1]))

@@ -1,27 +1,19 @@
 """Dynamics, friction and hysteresis together, in one constrained problem: the one-shot reference.
 
-As functions of arrays, fitted in rounds:
+As functions of arrays, the cost and unknowns of `nlp_cost`, fitted in rounds:
 
     rounds       minimise sum_b |r_b|^2 / sigma_b^2 by Ipopt, then sigma_b <- rms r_b, until nothing moves
     places       those of a start move between rounds: [dx; dr] = -H^-1 g,
                  H = sum J'J / sigma^2, g = sum J'r / sigma^2
     certificate  kkt = max_i |z_i - min(u_i, max(l_i, z_i - df/dz_i))|
 
-Unknowns, those of `nlp_cost`, are scaled by the lengths of their columns at the start, x = d z; all
-constraints are bounds. Stops and knees that are given, or on a grid, stay; knees of a grid follow the torque
-that the springs reach.
+Unknowns are scaled by the lengths of their columns at the start, x = d z; all constraints are bounds. Stops
+and knees that are given, or on a grid, stay; knees of a grid follow the torque that the springs reach.
 
-As expressions of CasADi, the last round open to further unknowns, torques, terms and constraints:
-
-    cost         1 / (2 M) sum_b |r_b|^2 / sigma_b^2 + added terms
-    knee         step mean of its dead zone from excess a to b: max(a, b)^2 / (2 |b - a|) where only one of
-                 them is positive, else (max(a, 0) + max(b, 0)) / 2
-    play         P_k = max(x_k - r, min(x_k + r, P_k-1)), one step mapped over the samples
-
-Columns of what is linear in the unknowns, generated functions of the robot among them, are numbers there,
-because states are measured. The rest is expressions over samples, added up to rows by sparse matrices;
-derivatives, second ones too, are CasADi's. Weights of rows, stops and torques of knees are those of the fit.
-An added torque stands beside the spring with its knees; its work in energy rows is a sum of trapezoids.
+As expressions of CasADi, the last round open to further unknowns, torques, terms and constraints: columns of
+what is linear in the unknowns are numbers, because states are measured; the rest is expressions over samples,
+added up to rows by sparse matrices; derivatives are CasADi's. Weights of rows, stops and torques of knees are
+those of the fit. An added torque stands beside the spring; its work in energy rows is a sum of trapezoids.
 
 Supported: energy, filtered, momentum rows; Stribeck friction; odd springs; exact, Gauss-Newton Hessians;
 torques of any unknowns added to a spring or a motor, such as damping, a cubic spring, a stop whose threshold
@@ -42,7 +34,7 @@ from symid.arrays import FloatArray, FrozenArrays, freeze
 from symid.codegen import ModelCard
 from symid.errors import Notice, SolverError, UsageError
 from symid.identification.elastic.elimination import fit_elimination
-from symid.identification.elastic.estimate import HistoryEntry, MethodFit, build_method_fit
+from symid.identification.elastic.estimate import STEP, HistoryEntry, MethodFit, build_method_fit
 from symid.identification.elastic.nlp_cost import (
     ElasticNlpCost,
     NlpLayout,
@@ -56,23 +48,15 @@ from symid.identification.elastic.nlp_cost import (
 )
 from symid.identification.elastic.options import NlpOptions
 from symid.identification.elastic.regression import ElasticProblem, average_steps
-from symid.identification.elastic.together import fit_linear_spring
+from symid.identification.elastic.together import TRIALS, fit_linear_spring
 from symid.identification.hysteresis import SpringWeights, build_knee_grid, compute_place_limits
+from symid.identification.judge import numerics
 from symid.ipopt import Ending, GraphProblem, IpoptOptions, SmoothProblem, keep_last, minimise, minimise_graph
 from symid.joint_models import Elasticity, build_casadi_carrier, compute_play, compute_stribeck_derivatives
 from symid.robot import suggest_names
 
-_AT_BOUND = 1e-9
-"""Distance in scaled unknowns below which a bound that the gradient pushes against is active."""
 _NEAR_BOUND = 1e-3
 """Distance in scaled unknowns within which Newton steps try an unknown on its bound."""
-_NEWTON_STEPS = 8
-_BLIND = 1e-14
-"""Scaled gradient and curvature below which an unknown has no effect."""
-_BARRIER = 1e-8
-"""Of Ipopt, from a start that is near."""
-_KKT = 1e-6
-"""The most that our own residual may be for a result to count as converged."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -138,21 +122,19 @@ def optimise_nlp(
         upper=layout.upper,
     ).scale(scales)
     begin = np.clip(start, layout.lower, layout.upper) / scales
-    ipopt = IpoptOptions(tolerance=options.tolerance, iterations=options.iterations)
-    run = minimise(scaled, begin, replace(ipopt, barrier=_BARRIER) if near else ipopt)
+    ipopt = IpoptOptions(tolerance=numerics.RANK, iterations=options.iterations)
+    run = minimise(scaled, begin, replace(ipopt, barrier=ipopt.tolerance) if near else ipopt)
     if near and run.outcome is not Ending.CONVERGED:
-        run = min(
-            (run, minimise(scaled, begin, ipopt)),
-            key=lambda one: (
-                one.outcome is not Ending.CONVERGED,
-                not one.outcome.usable,
-                scaled.value(one.x),
-            ),
-        )
+        again = minimise(scaled, begin, ipopt)
+        ranks = [
+            (one.outcome is not Ending.CONVERGED, not one.outcome.usable, scaled.value(one.x))
+            for one in (run, again)
+        ]
+        run = run if ranks[0] <= ranks[1] else again
     outcome, reason = run.outcome, run.reason
     x = np.clip(_polish(scaled, run.x) * scales, layout.lower, layout.upper)
     certificate = compute_certificate(cost, x, scales)
-    if outcome is Ending.CONVERGED and certificate.kkt > _KKT:
+    if outcome is Ending.CONVERGED and certificate.kkt > numerics.CONVERGED:
         outcome = Ending.STALLED
         reason = (
             f"Ipopt reports success, but the residual of the optimality conditions is {certificate.kkt:.1e}"
@@ -167,10 +149,10 @@ def compute_certificate(cost: ElasticNlpCost, x: FloatArray, scales: FloatArray)
     state = cost.compute_state(x)
     slope = cost.compute_gradient(state) * scales
     z, low, high = x / scales, layout.lower / scales, layout.upper / scales
-    at_low = (z - low <= _AT_BOUND) & (slope > 0.0) & (low < high)
-    at_high = (high - z <= _AT_BOUND) & (slope < 0.0) & (low < high)
+    at_low = (z - low <= numerics.RANK) & (slope > 0.0) & (low < high)
+    at_high = (high - z <= numerics.RANK) & (slope < 0.0) & (low < high)
     hessian = cost.compute_hessian(state, x) * scales * scales[:, None]
-    blind = (np.diag(hessian) <= _BLIND) & (np.abs(slope) <= _BLIND)
+    blind = (np.diag(hessian) <= numerics.EXACT) & (np.abs(slope) <= numerics.EXACT)
     free = ~(at_low | at_high | blind | (low == high))
     return Certificate(
         kkt=_compute_kkt(z, slope, low, high),
@@ -188,13 +170,13 @@ def _polish(problem: SmoothProblem, z: FloatArray) -> FloatArray:
         return best
     slope = problem.gradient(best)
     residual = _compute_kkt(best, slope, low, high)
-    for _ in range(_NEWTON_STEPS):
+    for _ in range(numerics.ROUNDS):
         near = np.minimum(np.abs(slope), _NEAR_BOUND)
         at_low, at_high = (best - low < near) & (slope > 0.0), (high - best < near) & (slope < 0.0)
         trial = np.where(at_low, low, np.where(at_high, high, best))
         free = np.flatnonzero(~(at_low | at_high))
         hessian = hessian_of(best)[np.ix_(free, free)]
-        trial[free] -= np.linalg.lstsq(hessian, problem.gradient(trial)[free], rcond=1e-12)[0]
+        trial[free] -= np.linalg.lstsq(hessian, problem.gradient(trial)[free], rcond=numerics.EXACT)[0]
         trial = np.clip(trial, low, high)
         slope = problem.gradient(trial)
         reached = _compute_kkt(trial, slope, low, high)
@@ -287,28 +269,18 @@ def prepare_setting(problem: ElasticProblem, options: NlpOptions, begin: MethodF
         recordings=tuple(build_nlp_recording(problem, i, thresholds, options.rows) for i in numbers),
         thresholds=thresholds,
         knees=knees,
-        stiffness=np.maximum(whole, 1e-6 * max(float(whole.max()), 1e-6)),
+        stiffness=np.maximum(whole, numerics.CONVERGED * max(float(whole.max()), numerics.CONVERGED)),
     )
 
 
-_REST_WEIGHT = 1e-9
-"""Of the linear spring: weights below it are zero."""
-_SHIFT = 1e-4
-"""Of the place of a stop or knee, for derivatives by it."""
-_FRACTIONS = (1.0, 0.5, 0.25, 0.125)
-
-
 def list_places(setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray) -> tuple[NlpPlace, ...]:
-    """Return the stops and knees whose places are optimised: none that are given or on a grid.
-
-    Knees of odd springs stand in pairs, and stay.
-    """
+    """Return the stops and knees that move: none that are given, on a grid, or knees of odd springs."""
     options = setting.problem.options
     if setting.knees is None or not options.moves_stops:
         return ()
     places = []
     for joint, spring in enumerate(cost.layout.springs):
-        busy = np.flatnonzero(x[spring.weights][1:] > _REST_WEIGHT * setting.stiffness[joint])
+        busy = np.flatnonzero(x[spring.weights][1:] > numerics.CONVERGED * setting.stiffness[joint])
         places += [NlpPlace(joint=joint, knee=False, index=int(stop)) for stop in busy]
         if options.knee_torques is None and not setting.options.odd:
             places += [NlpPlace(joint=joint, knee=True, index=knee) for knee in range(len(spring.knees))]
@@ -322,7 +294,7 @@ def compute_place_slopes(
     before, slopes = cost.compute_state(x).residuals, []
     for place in places:
         grids = (setting.knees or ()) if place.knee else setting.thresholds
-        step = _SHIFT * abs(float(grids[place.joint][place.index]))
+        step = STEP * abs(float(grids[place.joint][place.index]))
         moved = _rebuild(cost, setting.shift([place], np.array([step]))).compute_state(x).residuals
         slopes.append([(after - now) / step for after, now in zip(moved, before, strict=True)])
     return slopes
@@ -341,18 +313,14 @@ def _move_places(setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray) -> tu
         knees = np.array(spring.knees)
         # Those below zero, then those above, both from zero outwards.
         order = np.lexsort((np.abs(knees), knees > 0.0))
-        weights = SpringWeights(
-            thresholds=spring.thresholds,
-            stiffness=x[spring.weights],
-            knees=knees[order],
-            slopes=np.ones(len(knees)),
-        )
+        own, ones = x[spring.weights], np.ones(len(knees))
+        weights = SpringWeights(thresholds=spring.thresholds, stiffness=own, knees=knees[order], slopes=ones)
         ends = compute_place_limits([part.bases[joint] for part in setting.recordings], weights)
         known = [NlpPlace(joint=joint, knee=False, index=index) for index in range(len(spring.thresholds))]
         known += [NlpPlace(joint=joint, knee=True, index=index) for index in order.tolist()]
         limits |= dict(zip(known, zip(*(part.tolist() for part in ends), strict=True), strict=True))
     lower, upper = np.array([limits[place] for place in places]).T
-    for fraction in _FRACTIONS:
+    for fraction in 0.5 ** np.arange(TRIALS):
         moved = setting.shift(places, np.clip(fraction * step[len(x) :], lower, upper))
         trial = _rebuild(cost, moved)
         start = np.clip(x + fraction * step[: len(x)], trial.layout.lower, trial.layout.upper)
@@ -409,7 +377,7 @@ def fit_nlp(
         history.append(entry)
         weighed = cost.weigh(residuals, chi)
         scaled = float(np.max(np.abs(np.array(weighed.sigmas) / np.array(cost.sigmas) - 1.0)))
-        settled = entry.change <= _SETTLED and scaled <= _WEIGHED
+        settled = max(entry.change, scaled) <= problem.options.tolerance
         # Of the start's places nothing is known before a step of theirs.
         if number == options.rounds or not run.outcome.usable or (number > 0 and settled):
             break
@@ -420,7 +388,7 @@ def fit_nlp(
             setting, x = _move_places(setting, weighed, x)
             after = setting.lay_out(())
         else:
-            springs = layout.read_springs(x, _REST_WEIGHT * setting.stiffness)
+            springs = layout.read_springs(x, numerics.CONVERGED * setting.stiffness)
             after = setting.lay_out(springs)
             excess, speed = x[layout.excess], x[layout.speed]
             x = after.build_start(x[layout.dynamics], springs)
@@ -428,7 +396,7 @@ def fit_nlp(
         cost = replace(weighed, recordings=setting.recordings, layout=after)
     layout = cost.layout
     run = replace(run, x=layout.flatten_slopes(run.x, run.certificate.undetermined))
-    springs = layout.read_springs(run.x, _REST_WEIGHT * setting.stiffness)
+    springs = layout.read_springs(run.x, numerics.CONVERGED * setting.stiffness)
     slopes = compute_place_slopes(setting, cost, run.x, list_places(setting, cost, run.x))
     fit = replace(
         build_method_fit("nlp", run.x[layout.dynamics], problem.sizes, springs),
@@ -438,10 +406,6 @@ def fit_nlp(
         notices=tuple(_list_notices(run, problem.library.card, layout)),
     )
     return NlpFit(fit=fit, run=run, cost=cost)
-
-
-_SETTLED, _WEIGHED = 1e-4, 5e-3
-"""Of the parameters since the last round and of the scales of rows: changes that no longer matter."""
 
 
 def _list_notices(run: NlpRun, card: ModelCard, layout: NlpLayout) -> Iterator[Notice]:
@@ -474,12 +438,6 @@ def _list_notices(run: NlpRun, card: ModelCard, layout: NlpLayout) -> Iterator[N
 
 
 SIDES = ("spring", "motor")
-_FADED = 1e-18
-"""Share of a filter's input below which it is left out."""
-_REST = 1e-6
-"""Of a joint's stiffness: stops below it are left out of a spring."""
-_ACTIVE = 1e-6
-"""Relative distance from its limit within which a constraint counts as active."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -564,9 +522,8 @@ def build_nlp_graph(found: NlpFit, problem: ElasticProblem, options: NlpOptions)
     cost, start = found.cost, found.run.x
     layout = cost.layout
     numbers = np.array([start, layout.lower, layout.upper, compute_scales(cost, start)]).T.tolist()
-    variables = {
-        name: NlpVariable(casadi.MX.sym(name), *row) for name, row in zip(layout.names, numbers, strict=True)
-    }
+    pairs = zip(layout.names, numbers, strict=True)
+    variables = {name: NlpVariable(casadi.MX.sym(name), *row) for name, row in pairs}
     x = casadi.vertcat(*(entry.symbol for entry in variables.values()))
     residuals, motions, blocks = [], [], []
     sigmas, carrier = iter(cost.sigmas), build_casadi_carrier()
@@ -629,7 +586,7 @@ def _add_steps(sums: StepSums, steps: Any) -> Any:  # noqa: ANN401
     if not sums.kept:
         return rows
     # Of each row, what is left of it in all later ones.
-    left = sums.kept ** np.arange(min(int(np.log(_FADED) / np.log(sums.kept)) + 1, count))
+    left = sums.kept ** np.arange(min(int(np.log(numerics.EXACT) / np.log(sums.kept)) + 1, count))
     places = [-row for row in range(len(left))]
     return casadi.DM(scipy.sparse.diags(left, places, shape=(count, count), format="csc")) @ rows
 
@@ -672,8 +629,8 @@ def add_torque(graph: NlpGraph, joint: str, torque: Callable[[ElasticMotion], An
     for residual, along, (block, sigma) in zip(graph.residuals, graph.motions, graph.blocks, strict=True):
         motion = along[number]
         if id(motion) not in steps:
-            shape = motion.phi.shape
-            steps[id(motion)] = average_steps(_take(graph, torque(motion), f"the torque of {joint}", shape))
+            count = motion.phi.shape[0]
+            steps[id(motion)] = average_steps(_take(graph, torque(motion), f"the torque of {joint}", count))
         pairs = [(own.joint, own.sums) for own in block.springs] if side == "spring" else block.friction
         sign = block.sign if side == "spring" else 1.0
         rows = [_add_steps(sums, steps[id(motion)]) for own, sums in pairs if own == number]
@@ -696,15 +653,15 @@ def add_constraint(graph: NlpGraph, expression: Any, lower: float, upper: float)
     return replace(graph, constraints=(*graph.constraints, added))
 
 
-def _take(graph: NlpGraph, given: Any, what: str, shape: tuple[int, int] = (1, 1)) -> Any:  # noqa: ANN401
-    """Return an expression as MX; refuse other shapes, and symbols that are not of this problem."""
+def _take(graph: NlpGraph, given: Any, what: str, samples: int | None = None) -> Any:  # noqa: ANN401
+    """Return a scalar, or a column of `samples`, as MX; refuse other shapes, and symbols of elsewhere."""
     try:
         found = casadi.MX(given)
     except (NotImplementedError, TypeError) as error:
         text = f"{what} is {type(given).__name__}: expected a number, or an expression (MX) of the variables"
         raise UsageError(Notice(code="usage.expression", text=text)) from error
-    if found.shape != shape:
-        wanted = "a scalar: sum its entries" if shape == (1, 1) else f"{shape[0]} x 1, a number a sample"
+    if not (found.is_scalar() if samples is None else found.shape == (samples, 1)):
+        wanted = f"{samples} x 1, a number a sample" if samples else "a scalar: sum its entries"
         text = f"{what} has the shape {found.shape[0]} x {found.shape[1]}: must be {wanted}"
         raise UsageError(Notice(code="usage.expression", text=text))
     known = {hash(entry.symbol) for entry in graph.variables.values()}
@@ -759,16 +716,17 @@ def solve_nlp_graph(graph: NlpGraph) -> NlpAnswer:
             bend = float(casadi.Function("bend", [x], [casadi.hessian(cost, entry.symbol)[0]])(start))
             scale = bend**-0.5 if 0.0 < bend < np.inf else max(abs(entry.start), 1e-3)
         scales[place] = scale
-    options = IpoptOptions(tolerance=graph.options.tolerance, iterations=graph.options.iterations)
+    options = IpoptOptions(tolerance=numerics.RANK, iterations=graph.options.iterations)
     run = minimise_graph(problem, start, options, scales)
     if not run.outcome.usable:
         text = f"the one-shot problem has no solution: {run.reason}; relax constraints, or start elsewhere"
         raise SolverError(Notice(code="solver.one-shot", text=text))
     found = casadi.Function("found", [x], [cost, problem.constraints])(run.x)
     objective, levels = (np.array(part, dtype=np.float64).ravel() for part in found)
-    near = np.isfinite(limits) & (np.abs(levels - limits) <= _ACTIVE * np.maximum(np.abs(limits), 1.0))
+    reach = numerics.CONVERGED * np.maximum(np.abs(limits), 1.0)
+    near = np.isfinite(limits) & (np.abs(levels - limits) <= reach)
     own = run.x[: graph.layout.size]
-    least = np.array([_REST * np.sum(own[spring.weights]) for spring in graph.layout.springs])
+    least = np.array([numerics.CONVERGED * np.sum(own[spring.weights]) for spring in graph.layout.springs])
     return NlpAnswer(
         values=dict(zip(graph.variables, run.x.tolist(), strict=True)),
         objective=float(objective[0]),

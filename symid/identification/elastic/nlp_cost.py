@@ -15,16 +15,13 @@ Between samples v is a straight line, and the mean of S_j over a step is that al
 beyond the knee q w / 2 with w = q / (q - p), both beyond (p + q) / 2. So it has continuous derivatives in k,
 and its second derivative is of rank one, s_j Phi_c Phi_c' / |q - p| at the crossing c.
 
-Unknowns and cost:
-
     x = [beta, IA, friction | Fs_i, vs_i | k0 .. km of joint 1, .. | slopes c of joint 1, ..]
     f(x) = 1 / (2 M) sum_b |r_b(x)|^2 / sigma_b^2,   M rows in all, sigma_b of block b
-    H = 1 / M sum_b J_b' J_b / sigma_b^2 + 1 / M sum_b sum_i r_bi / sigma_b^2 d2 r_bi
     covariance  H^-1 (sum_b g_b g_b') H^-1,  H = sum J'J / sigma^2,  g_b = sum of J'r / sigma^2 over stretch b
 
 The slope of the outer function is one at v = 0, which fixes the scale of the weights, and c_j beyond its
-j-th knee on each side: rising and passive means c_j > 0 and k_i >= 0. The first term of H alone is the
-Gauss-Newton Hessian. Rows within a stretch of time share the same noise (Liang and Zeger 1986).
+j-th knee on each side: rising and passive means c_j > 0 and k_i >= 0. Rows within a stretch of time share the
+same noise (Liang and Zeger 1986).
 
 Supported: all kinds of rows in any combination; knees with slopes of their own on both sides, or odd
 springs whose sides share them; unknowns at bounds or without effect, which count as known in the covariance.
@@ -62,14 +59,10 @@ class StepSums:
 
     def add(self, steps: FloatArray) -> FloatArray:
         """Return the rows of step means."""
-        flat, count = steps.reshape(len(steps), -1), self.inflow.shape[0]
+        rows = self.inflow @ steps.reshape(len(steps), -1)
         if self.kept:
-            rows = scipy.signal.lfilter([1.0], [1.0, -self.kept], self.inflow @ flat, axis=0)
-        else:
-            # Windows are of one length.
-            blocks = flat[self.inflow.indices].reshape(count, -1, flat.shape[1])
-            rows = np.matmul(self.inflow.data.reshape(count, 1, -1), blocks)
-        return np.asarray(rows).reshape(count, *steps.shape[1:])
+            rows = scipy.signal.lfilter([1.0], [1.0, -self.kept], rows, axis=0)
+        return np.asarray(rows).reshape(-1, *steps.shape[1:])
 
     def spread(self, rows: FloatArray) -> FloatArray:
         """Return the steps (N - 1,) that the adjoint makes of rows (M,)."""
@@ -170,8 +163,6 @@ def build_knee_steps(basis: FloatArray, weights: FloatArray, knees: Sequence[tup
 
 
 _BuildColumns = Callable[[FloatArray, FloatArray], FloatArray]
-_TorqueRows = tuple[FloatArray, FloatArray, FloatArray, _BuildColumns, StepSums]
-"""Design (M, n, p + n + pf), torque and drag of the links (M, n), and how springs get there."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -230,9 +221,8 @@ def build_nlp_recording(
 ) -> NlpRecording:
     """Return the rows of recording `index`: some of `NLP_ROWS`, for thresholds (m,) of each joint."""
     signals, energy, phi = problem.signals[index], problem.energy[index], problem.signals[index].phi
-    bases = tuple(
-        joint_models.compute_stop_basis(phi[:, joint], grid) for joint, grid in enumerate(thresholds)
-    )
+    pairs = zip(phi.T, thresholds, strict=True)
+    bases = tuple(joint_models.compute_stop_basis(*pair) for pair in pairs)
     ends, blocks = energy.ends, list[RowBlock]()
     if "energy" in kinds:
 
@@ -260,25 +250,22 @@ def build_nlp_recording(
         def pass_basis(_: FloatArray, basis: FloatArray) -> FloatArray:
             return filter_smooth(basis, rate, signals.period)[keep]
 
-        filtered = rows.design, rows.torque, rows.drag, pass_basis, passed
-        blocks += _join_blocks(problem, bases, filtered)
+        filtered = rows.design, rows.torque, rows.drag
+        blocks += _join_blocks(problem, bases, filtered, pass_basis, passed)
     if "momentum" in kinds:
         sums = build_window_sums(ends, np.full(len(signals.time) - 1, signals.period))
 
         def add(values: FloatArray) -> FloatArray:
             return sums.add(regression.average_steps(values))
 
-        design = regression.build_equations(
-            problem.library, signals, lambda values: np.diff(values[ends], axis=0), add
-        )
-        impulse, drag = sums.add(signals.step_torque), add(signals.link_drag)
+        design = regression.build_equations(problem.library, signals, lambda x: np.diff(x[ends], axis=0), add)
         slides = None
         if np.any(problem.limits):
             # About the middle of a window in which a motor slides from end to end, all of it counts.
             sliding = regression.mark_sliding(signals, ends.step * signals.period, problem.limits)[ends]
             slides = sliding[:-1] & sliding[1:]
-        momentum = design, impulse, drag, lambda _, basis: add(basis), sums
-        blocks += _join_blocks(problem, bases, momentum, slides)
+        momentum = design, sums.add(signals.step_torque), add(signals.link_drag)
+        blocks += _join_blocks(problem, bases, momentum, lambda _, basis: add(basis), sums, slides=slides)
     return NlpRecording(blocks=tuple(blocks), bases=bases, phi=phi, speed=signals.dtheta)
 
 
@@ -306,12 +293,17 @@ def move_stops(recording: NlpRecording, moves: Sequence[Mapping[int, float]]) ->
 def _join_blocks(
     problem: regression.ElasticProblem,
     bases: Sequence[FloatArray],
-    rows: _TorqueRows,
+    rows: tuple[FloatArray, FloatArray, FloatArray],
+    build: _BuildColumns,
+    sums: StepSums,
+    *,
     slides: NDArray[np.bool_] | None = None,
 ) -> Iterator[RowBlock]:
-    """Yield the blocks of motors, empty without `slides` (M, n), and links; of rigid joints one."""
-    design, torque, drag, build, sums = rows
-    count = problem.sizes[0]
+    """Yield the blocks of motors, empty without `slides` (M, n), and links; of rigid joints one.
+
+    `rows`: design (M, n, p + n + pf), torque and drag of the links (M, n); `build` and `sums` of springs.
+    """
+    (design, torque, drag), count = rows, problem.sizes[0]
     for joint, basis in enumerate(bases):
         columns, gives = build(np.zeros(0), basis), problem.gives[joint]
         kept = np.ones(len(torque), dtype=bool) if slides is None else slides[:, joint]
@@ -379,8 +371,8 @@ class SpringLayout:
 class SpringGrid:
     """What is fixed of one joint's spring: thresholds (m,) rad or m, signed knee torques N m or N.
 
-    Multiples of `stiffness`, of a linear spring, bound the weights; those of stops beyond `reach`, the
-    largest torsion, are zero, as they are one with k0.
+    A part of `stiffness`, of a linear spring, is the least k0; weights of stops beyond `reach`, the largest
+    torsion, are zero, as they are one with k0.
     """
 
     thresholds: FloatArray
@@ -425,9 +417,8 @@ class NlpLayout:
         joints = range(1, card.size + 1)
         names = [entry.name for entry in regression.list_parameter_cards(card)]
         free = np.full(len(names), True) if known is None else np.isnan(known)
-        lower: list[ArrayLike] = [
-            np.where(free, regression.list_lower_bounds(card), 0.0 if known is None else known)
-        ]
+        given: ArrayLike = 0.0 if known is None else known
+        lower: list[ArrayLike] = [np.where(free, regression.list_lower_bounds(card), given)]
         upper: list[ArrayLike] = [np.where(free, np.inf, lower[0])]
         dynamics = slice(0, len(names))
         size = card.size if options.stribeck else 0
@@ -463,10 +454,9 @@ class NlpLayout:
             names += [f"k{stop} of joint {joint}" for stop in range(len(grid.thresholds) + 1)]
             sign = "+-" if odd else ""
             names += [f"slope beyond {sign}{place:.6g} of joint {joint}" for place in places]
-            limit = options.weight_limit * grid.stiffness
             slopes = [np.full(len(places), bound) for bound in options.slopes]
             lower += [[options.least_stiffness * grid.stiffness], np.zeros(len(grid.thresholds)), slopes[0]]
-            upper += [[limit], np.where(grid.thresholds < grid.reach, limit, 0.0), slopes[1]]
+            upper += [[np.inf], np.where(grid.thresholds < grid.reach, np.inf, 0.0), slopes[1]]
         return cls(
             names=tuple(names),
             lower=freeze(np.concatenate(lower)),
@@ -489,9 +479,8 @@ class NlpLayout:
                 # The slope of the outer function just beyond this knee.
                 side = np.sign(torque)
                 end = torque * side * (1.0 + 1e-12)
-                slopes[slot] = 1.0 + sum(
-                    knee.slope for knee in spring.knees if 0.0 < knee.threshold * side <= end
-                )
+                passed = (knee.slope for knee in spring.knees if 0.0 < knee.threshold * side <= end)
+                slopes[slot] = 1.0 + sum(passed)
             x[place.slopes] = slopes
         return np.clip(x, self.lower, self.upper)
 
@@ -567,8 +556,6 @@ class ElasticNlpCost:
             means = tuple(regression.average_steps(np.column_stack(derivatives)) for derivatives in rates)
             pairs = zip(steps, layout.springs, strict=True)
             slopes = [entry.compute_slopes(spring.compute_changes(x)) for entry, spring in pairs]
-            # Rows of knees are added up once for all blocks that use them.
-            known: dict[tuple[int, int], tuple[FloatArray, FloatArray]] = {}
             for block in part.blocks:
                 residual = block.values - block.matrix @ x[layout.dynamics]
                 alive = np.flatnonzero(np.any(block.matrix, axis=0))
@@ -577,13 +564,9 @@ class ElasticNlpCost:
                     place = layout.springs[entry.joint]
                     torque, slope = entry.columns @ x[place.weights], entry.columns
                     if place.knees:
-                        key = entry.joint, id(entry.sums)
-                        if key not in known:
-                            pair = steps[entry.joint].means, slopes[entry.joint]
-                            known[key] = entry.sums.add(pair[0]), entry.sums.add(pair[1])
-                        rows, bends = known[key]
+                        rows = entry.sums.add(steps[entry.joint].means)
                         torque = torque + rows @ place.compute_changes(x)
-                        slope = slope + bends
+                        slope = slope + entry.sums.add(slopes[entry.joint])
                         own.append(np.arange(place.slopes.start, place.slopes.stop))
                         columns.append(-block.sign * rows @ place.changes)
                     residual = residual - block.sign * torque

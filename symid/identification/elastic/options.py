@@ -38,9 +38,9 @@ class NlpOptions:
         speeds: least and greatest vs, rad/s or m/s.
         odd: whether springs harden alike on both sides.
         slopes: least and greatest slope of the outer function.
-        weight_limit: greatest weight as a multiple of the linear spring; least_stiffness: the least k0.
+        least_stiffness: the least k0 as a part of the linear spring.
         rounds: of weighing the rows by their residuals, at most; 0 keeps the weights of the start.
-        tolerance: of Ipopt, on the scaled problem; iterations: of Ipopt, at most.
+        iterations: of Ipopt, at most.
     """
 
     rows: tuple[str, ...] = ("energy", "momentum")
@@ -50,10 +50,8 @@ class NlpOptions:
     speeds: tuple[float, float] = (1e-3, 10.0)
     odd: bool = False
     slopes: tuple[float, float] = (0.05, 20.0)
-    weight_limit: float = 100.0
     least_stiffness: float = 1e-3
-    rounds: int = 12
-    tolerance: float = 1e-9
+    rounds: int = numerics.ROUNDS
     iterations: int = 200
 
     def __post_init__(self) -> None:
@@ -61,7 +59,7 @@ class NlpOptions:
         mistakes = _list_mistakes(
             self,
             choices={"hessian": HESSIANS},
-            positive={"weight_limit": "1", "least_stiffness": "1", "tolerance": "1"},
+            positive={"least_stiffness": "1"},
             counts={"rounds": 0, "iterations": 1},
         )
         # A text in place of a tuple of texts is refused by its letters.

@@ -19,6 +19,7 @@ Not supported: one encoder only; delays between the channels (align the recordin
 link side that is not viscous; full physical consistency of the links.
 """
 
+import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -293,18 +294,13 @@ def prepare_elastic_signals(
     )
 
 
-def fill_motor_loads(
-    library: Library, recordings: Sequence[Recording], beta: FloatArray
-) -> tuple[Recording, ...]:
-    """Return recordings with the torques tau_J of links of base parameters (p,), where friction reads them.
-
-    Loads that were measured stay.
-    """
-    measured = list_measured_joints(recordings)
+def fill_motor_loads(library: Library, logs: Sequence[Recording], beta: FloatArray) -> tuple[Recording, ...]:
+    """Return logs with torques tau_J of links (p,), where friction reads them and none were measured."""
+    measured = list_measured_joints(logs)
     if "load" not in library.card.friction_inputs or all(measured):
-        return tuple(recordings)
+        return tuple(logs)
     found = []
-    for recording in recordings:
+    for recording in logs:
         period = recording.period
         q = pass_band(get_encoder_positions(recording)[1], period, choose_edge(period, 0.0))
         dq = differentiate_smooth(q, period)
@@ -342,10 +338,7 @@ def join_rigid_joints(
     if not np.any(rigid) or np.all(rigid):
         return tuple(recordings), ()
     # The position of [log.position], and the other one.
-    pairs = [
-        get_encoder_positions(recording)[:: -1 if recording.motor_position is not None else 1]
-        for recording in recordings
-    ]
+    pairs = [get_encoder_positions(log)[:: -1 if log.motor_position is not None else 1] for log in recordings]
     moves = [np.any([np.ptp(pair[side], axis=0) > 0.0 for pair in pairs], axis=0) for side in (0, 1)]
     joined, notices = [], []
     for recording, (first, second) in zip(recordings, pairs, strict=True):
@@ -363,10 +356,9 @@ def join_rigid_joints(
             notices.append(Notice(code="log.rigid-joint", text=text, file=recording.source))
         taken = np.where(moves[0], first, second)
         one, other = (np.where(rigid, taken, side) for side in (first, second))
-        if recording.motor_position is None:
-            joined.append(replace(recording, position=one, link_position=other))
-        else:
-            joined.append(replace(recording, position=one, motor_position=other))
+        lone = recording.motor_position is None
+        link, motor = (other, None) if lone else (recording.link_position, other)
+        joined.append(replace(recording, position=one, link_position=link, motor_position=motor))
     return tuple(joined), tuple(notices)
 
 
@@ -381,11 +373,10 @@ def choose_cutoff(recording: Recording) -> float:
     The noise of a velocity by central differences is sigma / (sqrt(2) T): less than `relevance`^2 of the
     speed does no harm. A joint at rest has none to compare with; the fastest joint gives the scale.
     """
-    for side in get_encoder_positions(recording):
-        speed = np.max(np.sqrt(np.mean(np.diff(side, axis=0) ** 2, axis=0)))
-        if np.max(measure_noise(side)) / np.sqrt(2.0) >= POLICY.relevance**2 * max(speed, numerics.TINY):
-            break
-    else:
+    sides = get_encoder_positions(recording)
+    speeds = [np.max(np.sqrt(np.mean(np.diff(side, axis=0) ** 2, axis=0))) for side in sides]
+    noises = [np.max(measure_noise(side)) / np.sqrt(2.0) for side in sides]
+    if np.all(np.array(noises) < POLICY.relevance**2 * np.maximum(speeds, numerics.TINY)):
         return 0.0
     edge = choose_edge(recording.period, measure_motion_band([recording]))
     return min(_ABOVE * edge, POLICY.row_band / recording.period)
@@ -529,13 +520,6 @@ class EnergyWindows(FrozenArrays):
             total += np.diff(work[self.ends])
         return total
 
-    def compute_columns(self, thresholds: Sequence[FloatArray], signals: ElasticSignals) -> list[FloatArray]:
-        """Return, joint by joint, the work per unit stiffness of a spring and its stops in every window."""
-        return [
-            np.diff(compute_work_columns(torsion, grid)[self.ends], axis=0)
-            for grid, torsion in zip(thresholds, signals.phi.T, strict=True)
-        ]
-
 
 def build_energy_windows(library: Library, signals: ElasticSignals, length: float) -> EnergyWindows:
     """Return the energy equations in windows of `length` s; raise UsageError where none fits the log."""
@@ -602,16 +586,14 @@ def read_known(card: ModelCard, known: Mapping[str, float]) -> FloatArray:
     names = [entry.name for entry in list_parameter_cards(card)]
     values = np.array([known.get(name, np.nan) for name in names])
     rigid = mark_rigid_rotors(card)
-    allowed = [name for name, merged in zip(names, rigid, strict=True) if not merged]
+    allowed = list(itertools.compress(names, ~rigid))
     mistakes = [
         f"known {name!r} is no parameter of {card.robot!r}{suggest_names(name, allowed, before='; ')}"
         for name in known
         if name not in allowed
     ]
-    mistakes += [
-        f"known {names[place]} {values[place]:g}: must not be negative"
-        for place in np.flatnonzero(values < list_lower_bounds(card))
-    ]
+    below = np.flatnonzero(values < list_lower_bounds(card))
+    mistakes += [f"known {names[place]} {values[place]:g}: must not be negative" for place in below]
     if mistakes:
         raise UsageError(*(Notice(code="usage.elastic-option", text=text) for text in mistakes))
     return np.where(rigid, 0.0, values)
@@ -633,10 +615,8 @@ def solve_with_signs(
     """
     count = matrix.shape[-1]
     matrix, right = matrix.reshape(-1, count), right.reshape(-1)
-    given = np.full(count, np.nan)
-    if known is not None:
-        given[: len(known)] = known
-    if not np.all(np.isnan(given)):
+    if known is not None and not np.all(np.isnan(known)):
+        given = np.pad(known, (0, count - len(known)), constant_values=np.nan)
         free, values = np.isnan(given), np.nan_to_num(given)
         found = solve_with_signs(card, np.where(free, matrix, 0.0), right - matrix @ values)
         return np.asarray(np.where(free, found, values))
@@ -653,15 +633,12 @@ def solve_with_signs(
     low = np.pad(least, (0, count - len(least)))
     if np.all(solution >= low):
         return solution
-
     if answer[2] < count:
         # Of the many solutions the bounded problem must take a short one too; this hardly weighs elsewhere.
         left = np.vstack([left, rule.singular * answer[3][0] * np.eye(count)])
         values = np.concatenate([values, np.zeros(count)])
-    bounded: FloatArray = (
-        scipy.optimize.lsq_linear(left, values, bounds=(low * scales, np.inf), method="bvls").x / scales
-    )
-    return np.where(alive, bounded, 0.0)
+    bounded = scipy.optimize.lsq_linear(left, values, bounds=(low * scales, np.inf), method="bvls")
+    return np.where(alive, bounded.x / scales, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -726,15 +703,17 @@ class ElasticProblem:
 
     def compute_work(self, springs: Sequence[Elasticity]) -> FloatArray:
         """Return the work of all springs in the windows of the energy rows (m,), J."""
-        parts = [
-            rows.compute_work(springs, part) for part, rows in zip(self.signals, self.energy, strict=True)
-        ]
-        return np.concatenate(parts)
+        pairs = zip(self.signals, self.energy, strict=True)
+        return np.concatenate([rows.compute_work(springs, part) for part, rows in pairs])
 
     def compute_stop_work(self, thresholds: Sequence[FloatArray]) -> FloatArray:
         """Return the work of springs and stops per unit stiffness in every window (m, sum (m_i + 1)), J."""
-        pairs = zip(self.signals, self.energy, strict=True)
-        return np.vstack([np.hstack(rows.compute_columns(thresholds, part)) for part, rows in pairs])
+        columns = []
+        for part, rows in zip(self.signals, self.energy, strict=True):
+            pairs = zip(part.phi.T, thresholds, strict=True)
+            works = [np.diff(compute_work_columns(*pair)[rows.ends], axis=0) for pair in pairs]
+            columns.append(np.hstack(works))
+        return np.vstack(columns)
 
     def fit_springs(self, torque: FloatArray) -> tuple[Elasticity, ...]:
         """Return the springs, one a joint, that explain F[tau_J] best: (M, n) in N m at the filtered rows.
@@ -759,9 +738,8 @@ class ElasticProblem:
         if given is None:
             knees = build_knee_grid([part @ weights.stiffness for part in data.basis], self.options.knees)
         else:
-            knees = np.array(
-                sorted(given[joint], key=lambda torque: (torque > 0, abs(torque))), dtype=np.float64
-            )
+            order = sorted(given[joint], key=lambda torque: (torque > 0, abs(torque)))
+            knees = np.array(order, dtype=np.float64)
         return replace(weights, knees=knees, slopes=np.ones(len(knees)))
 
     def average_sides(self, chi: FloatArray) -> FloatArray:

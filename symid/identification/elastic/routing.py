@@ -117,10 +117,8 @@ def build_motor_recording(recording: Recording, robot: Robot) -> Recording:
 
 def check_motor_side(robot: Robot, recordings: Sequence[Recording]) -> None:
     """Raise LogError for logs whose one position is that of the links by the name of its columns."""
-    columns, known = (
-        () if quantity is None else quantity.columns
-        for quantity in (robot.log.position, robot.log.link_position)
-    )
+    stated = (robot.log.position, robot.log.link_position)
+    columns, known = (() if quantity is None else quantity.columns for quantity in stated)
     if not columns or not all(name in known or _LINK_NAME.fullmatch(name) for name in columns):
         return
     text = (
@@ -205,11 +203,8 @@ def choose_route(
     if 0 < len(without) < len(recordings) and any(robot.elastic):
         text = "this log has one position a joint, others have two; give logs of one kind in one call"
         raise LogError(*(Notice(code="log.mixed-encoders", text=text, file=source) for source in without))
-    bound = [
-        coupling.name
-        for coupling in robot.couplings
-        if any(robot.joints[index].elasticity is not None for index, _ in coupling.terms)
-    ]
+    sprung = {index for index, joint in enumerate(robot.joints) if joint.elasticity is not None}
+    bound = [drive.name for drive in robot.couplings if sprung & {index for index, _ in drive.terms}]
     if bound and method is not None:
         text = (
             f"--method {method}: the coupled drives {', '.join(bound)} turn with elastic joints, which no "

@@ -48,8 +48,8 @@ _BLOCKS = POLICY.folds * POLICY.parts
 _CUTOFF = 10.0
 """Hz: equations of the rigid robot hold where its joints hardly bend. Twice as much gives encoders in line a
 delay of a quarter of a millisecond."""
-_PLAYS = (0.05, 0.1, 0.2, 0.35, 0.55)
-"""Radii of plays as parts of the largest torque. More of them can follow a zero that is moved."""
+_PLAYS = 5
+"""Plays of the torque, their radii ever farther apart. More of them can follow a zero that is moved."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -84,12 +84,8 @@ class RigidRows:
 def build_rigid_rows(library: Library, recording: Recording) -> RigidRows:
     """Return the equations of one recording; raise LogError where it has one encoder only."""
     found, period = get_encoders(recording), recording.period
-
     cutoff = min(_CUTOFF, POLICY.row_band / period)
-
-    def low(values: FloatArray) -> FloatArray:
-        return regression.pass_band(values, period, cutoff)
-
+    low = partial(regression.pass_band, period=period, cutoff=cutoff)
     theta, q = low(found.theta), low(found.q)
     link, rest = np.where(found.present, q, theta), np.zeros_like(theta)
     speed, link_speed = differentiate(theta, period), differentiate(link, period)
@@ -135,17 +131,15 @@ def fit_rigid(grams: FloatArray, weights: FloatArray | None = None) -> tuple[Flo
     return x, np.sqrt(squares)
 
 
-def _build_loaded_rows(
-    library: Library, recordings: Sequence[Recording]
-) -> tuple[list[RigidRows], FloatArray]:
+def _build_loaded_rows(library: Library, logs: Sequence[Recording]) -> tuple[list[RigidRows], FloatArray]:
     """Return the equations of all recordings, and the base parameters (p,) that explain their torque."""
-    measured, loaded = list_measured_joints(recordings), tuple(recordings)
+    measured, loaded = list_measured_joints(logs), tuple(logs)
     sought = "load" in library.card.friction_inputs and not all(measured)
-    loads = [np.zeros_like(recording.position) for recording in recordings]
+    loads = [np.zeros_like(log.position) for log in logs]
     beta, options = np.zeros(len(library.card.beta)), ElasticOptions()
     for _ in range(options.iterations):
         if sought:
-            pairs = zip(recordings, loads, strict=True)
+            pairs = zip(logs, loads, strict=True)
             loaded = tuple(replace(one, load=fill_load(one.load, load, measured)) for one, load in pairs)
         runs = [build_rigid_rows(library, recording) for recording in loaded]
         x, _ = fit_rigid(np.concatenate([rows.compute_grams() for rows in runs]).sum(axis=0))
@@ -174,12 +168,13 @@ def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]
         # of their sum, the direction of motion, the acceleration. Torques with a memory of their turning
         # points are what hysteresis follows, and the rest what a fit of torques errs by.
         columns = []
+        radii = (1.0 + np.cumsum(np.arange(_PLAYS, dtype=np.float64))) / (_PLAYS * (_PLAYS - 1.0))
         for rows in runs:
             gravity = rows.still @ beta / scale
             # Rounding at a joint that gravity does not load is no torque, and must not look like a constant.
             gravity = np.where(np.max(np.abs(gravity), axis=0) > numerics.RANK, gravity, 0.0)
             torque = rows.whole @ beta / scale
-            plays = np.stack([compute_plays(part, np.array(_PLAYS), None) for part in torque.T], axis=1)
+            plays = np.stack([compute_plays(part, radii) for part in torque.T], axis=1)
             direction = np.tanh(rows.speed / width)
             plain = (gravity, torque - gravity, torque**2, torque**3, direction, rows.acceleration)
             columns.append(np.concatenate([np.stack(plain, axis=2), plays], axis=2))
@@ -189,9 +184,7 @@ def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]
         if change < numerics.CONVERGED:
             break
         used, delay = offsets, found.delay
-        moved = tuple(
-            shift_link_channel(recording, found, run=run) for run, recording in enumerate(recordings)
-        )
+        moved = tuple(shift_link_channel(one, found, run=run) for run, one in enumerate(recordings))
     return found
 
 

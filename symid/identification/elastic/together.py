@@ -2,14 +2,12 @@
 
 Two steps, hysteresis given the dynamics, dynamics given the hysteresis:
 
-    initialisation   y = Yd chi + sum_i k_i Delta(phi_i^2) / 2        linear springs, least squares
     H-step           spring_i <- min |F[tau_Ji](chi) - F[spring(phi_i)]|, torque of the motor equation
     X-step           chi <- min |y - W_e(springs) - Yd chi|, signs constrained
     same cost        min |y - Yd chi - Ae k|^2 over k and chi in turn; no bounds
 
 A step whose merit rises by what matters is halved; without convergence the iterate of least merit is
-kept. With the same cost it is block coordinate descent, whose error falls by cos^2 of the smallest principal
-angle between the column spaces of Yd and Ae (von Neumann).
+kept. With the same cost it is block coordinate descent.
 
 Simultaneous, for springs of any kind, by Gauss and Newton:
 
@@ -46,8 +44,8 @@ from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
 from symid.joint_models import Elasticity
 
-HALVINGS = 4
-"""Of a step that does not help, at most."""
+TRIALS = 4
+"""Of a step, ever shorter ones, or of springs whose sides are weighed, before the next round begins."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -58,17 +56,18 @@ class TwoStepState:
         chi: (p + n + pf,) all dynamic parameters.
         data: stop basis of every joint, for the thresholds that its spring has now.
         springs: one a joint; empty before the first H-step.
-        scales: residual sizes that the merit is made of, empty before the first step.
-        history: of all iterates so far; merit: of the last, the sum of squared norms over squared scales,
-            infinite before the first step.
+        history: of all iterates so far.
     """
 
     chi: FloatArray
     data: tuple[elements.SpringData, ...]
     springs: tuple[elements.SpringWeights, ...] = ()
-    scales: tuple[float, ...] = ()
     history: tuple[estimate.HistoryEntry, ...] = ()
-    merit: float = float("inf")
+
+    @property
+    def merit(self) -> float:
+        """Return the sum of the squared norms over those of the first step, infinite before it."""
+        return self.history[-1].merit if self.history else float("inf")
 
 
 def fit_linear_spring(problem: ElasticProblem) -> estimate.MethodFit:
@@ -102,16 +101,14 @@ def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
     goal = solve_with_signs(problem.library.card, problem.design, problem.supplied - work, problem.known)
     torques = np.column_stack([known.compute_torque(own) for known, own in zip(data, springs, strict=True)])
     fraction = 1.0
-    for _ in range(HALVINGS):
+    for _ in range(TRIALS):
         chi = state.chi + fraction * (goal - state.chi)
         passed = np.where(problem.gives, torques, problem.compute_link_side(chi))
-        errors = [
-            problem.supplied - work - problem.design @ chi,
-            *(problem.compute_motor_side(chi) - passed).T,
-        ]
+        energy = problem.supplied - work - problem.design @ chi
+        errors = [energy, *(problem.compute_motor_side(chi) - passed).T]
         norms = tuple(float(np.linalg.norm(part)) for part in errors)
-        scales = state.scales or tuple(max(norm, numerics.TINY) for norm in norms)
-        merit = sum((norm / scale) ** 2 for norm, scale in zip(norms, scales, strict=True))
+        first = state.history[0].norms if state.history else norms
+        merit = sum((norm / max(one, numerics.TINY)) ** 2 for norm, one in zip(norms, first, strict=True))
         if merit <= state.merit * (1.0 + POLICY.relevance):
             break
         fraction /= 2.0
@@ -120,14 +117,8 @@ def step_two_step(problem: ElasticProblem, state: TwoStepState) -> TwoStepState:
     sizes = np.maximum(np.abs(chi), POLICY.relevance * float(np.linalg.norm(problem.supplied)) / lengths)
     change = float(np.max(np.abs(chi - state.chi) / sizes))
     entry = estimate.HistoryEntry(merit=merit, change=change, damping=fraction, norms=norms)
-    return TwoStepState(
-        chi=chi,
-        data=tuple(data),
-        springs=tuple(springs),
-        scales=scales,
-        history=(*state.history, entry),
-        merit=merit,
-    )
+    history = (*state.history, entry)
+    return TwoStepState(chi=chi, data=tuple(data), springs=tuple(springs), history=history)
 
 
 def fit_two_step(problem: ElasticProblem) -> estimate.MethodFit:
@@ -188,10 +179,6 @@ def fit_alternation(problem: ElasticProblem) -> estimate.MethodFit:
     return replace(fit, history=tuple(history), outcome=outcome)
 
 
-_EVALUATIONS = 4
-"""Of the springs before both sides are weighed again."""
-
-
 class LinearRows(NamedTuple):
     """design @ chi = right, with the time of each row from 0 to 1 within its recording."""
 
@@ -213,10 +200,7 @@ def filter_spring(problem: ElasticProblem, spring: Elasticity, joint: int) -> li
 
 
 def compute_spring_torques(problem: ElasticProblem, fit: estimate.MethodFit) -> list[FloatArray]:
-    """Return F[tau_J] (M, n) of the springs of `fit` at the filtered rows of every recording.
-
-    That of a rigid joint is by the links.
-    """
+    """Return F[tau_J] (M, n) at the filtered rows of every recording: of springs, by links if rigid."""
     joints = [filter_spring(problem, spring, joint) for joint, spring in enumerate(fit.elasticity)]
     return [
         np.where(problem.gives, np.column_stack(torques), rows.compute_link_side(fit.chi))
@@ -275,12 +259,8 @@ def build_side_rows(problem: ElasticProblem, fit: estimate.MethodFit, *, zeros: 
 
 def _stack(sides: Sequence[_Sides], *, zeros: bool) -> tuple[FloatArray, FloatArray]:
     """Return design (M, p + n + pf) and right sides (M,) of all recordings; `zeros` as above."""
-    design, right = (
-        np.concatenate(
-            [entry.free(getattr(entry, name)) if zeros else getattr(entry, name) for entry in sides]
-        )
-        for name in ("design", "right")
-    )
+    pairs = [map(entry.free, entry[:2]) if zeros else entry[:2] for entry in sides]
+    design, right = map(np.concatenate, zip(*pairs, strict=True))
     return design.reshape(-1, design.shape[-1]), right.reshape(-1)
 
 
@@ -290,17 +270,13 @@ def calm_torsions(wide: ElasticProblem, narrow: ElasticProblem, fit: estimate.Me
     Noise that turns a torsion back moves springs with memory and no sharp thresholds a little every time;
     a cut-off that takes it away bends fast motion. `fit` has the springs, `narrow` the same recordings.
     """
-    calmer, wilder = (
-        np.array(
-            [
-                np.std(torque - rows.compute_link_side(fit.chi), axis=0)
-                for torque, rows in zip(compute_spring_torques(problem, fit), problem.filtered, strict=True)
-            ]
-        )
-        for problem in (narrow, wide)
-    )
+
+    def leave(problem: ElasticProblem) -> FloatArray:
+        pairs = zip(compute_spring_torques(problem, fit), problem.filtered, strict=True)
+        return np.array([np.std(torque - rows.compute_link_side(fit.chi), axis=0) for torque, rows in pairs])
+
     signals = []
-    for part, other, better in zip(wide.signals, narrow.signals, calmer < wilder, strict=True):
+    for part, other, better in zip(wide.signals, narrow.signals, leave(narrow) < leave(wide), strict=True):
         # A lower cut-off cuts more of the end.
         count = min(len(part.time), len(other.time))
         error = part.phi - (part.theta - part.q)
@@ -314,8 +290,7 @@ def fit_simultaneous(
 ) -> estimate.MethodFit:
     """Return dynamics and springs that explain both equations best, and the covariance of the dynamics.
 
-    `start` has springs of the kinds wanted, and dynamics near the answer; for the problems see
-    `calm_torsions`.
+    `start` has springs of the kinds wanted, and dynamics near the answer; for problems see `calm_torsions`.
     """
     fit, problem = start, wide
     for _ in range(wide.options.iterations):
@@ -334,7 +309,7 @@ def fit_simultaneous(
             np.ones(len(springs.numbers)),
             lambda factors, own=springs: project(own.differentiate(factors)),
             bounds=(0.0, np.inf),
-            max_nfev=_EVALUATIONS,
+            max_nfev=TRIALS,
             ftol=None,
             xtol=wide.options.tolerance,
         )

@@ -116,53 +116,20 @@ def evaluate_elastic(
     except (TypeError, UsageError) as error:
         text = f"its settings cannot be used: {error}; identify again"
         raise EstimateError(Notice(code="estimate.settings", text=text)) from error
-    known = {spring.joint: (spring.identifiable, spring.truth) for spring in estimate.springs}
-    springs = [known.get(joint.name, (None, None)) for joint in library.card.joints] if known else []
-    return predict_elastic(
-        library,
-        recording,
-        options,
-        estimate.build_fit(library.card),
-        initial=initial,
-        identifiable=[told for told, _ in springs],
-        truth=[truth for _, truth in springs],
-        effects=estimate.effects,
-        fitted=measure_overlap(recording, estimate.sources, estimate.settings) > 0.0,
-    )
-
-
-def predict_elastic(
-    library: Library,
-    recording: Recording,
-    options: ElasticOptions,
-    final: MethodFit,
-    *,
-    initial: Sequence[Elasticity] = (),
-    identifiable: Sequence[bool | None] = (),
-    truth: Sequence[Elasticity | None] = (),
-    effects: Sequence[regression.DriveEffect] = (),
-    fitted: bool = False,
-) -> ElasticTrial:
-    """Return what the models predict of `recording`, with the filters of the options; nothing is fitted.
-
-    Sequences of springs, one a joint, are empty where there are none; `identifiable`, of the springs of
-    `final`, is empty where all are; `effects` of the drives belong to `final`. `fitted` marks a log of the
-    fit.
-    """
+    final, source = estimate.build_fit(library.card), recording
     (recording,) = regression.fill_motor_loads(library, [recording], final.beta)
-    signals = regression.prepare_elastic_signals(recording, options, effects)
+    signals = regression.prepare_elastic_signals(recording, options, estimate.effects)
     rows = regression.build_filtered_rows(library, signals, options.rate)
     motor, link = rows.compute_motor_side(final.chi), rows.compute_link_side(final.chi)
     torsion = filter_smooth(signals.phi, options.rate, signals.period)[rows.keep]
 
-    def pass_spring(springs: Sequence[Elasticity | None], joint: int) -> FloatArray | None:
-        spring = springs[joint] if springs else None
+    def pass_spring(spring: Elasticity | None, joint: int) -> FloatArray | None:
         if spring is None or spring.initial_stiffness is None:
             return None
         return rows.pass_spring(spring, signals, joint, options.rate)
 
-    told = identifiable or [True] * len(final.elasticity)
-    known = [spring if is_known else None for spring, is_known in zip(final.elasticity, told, strict=True)]
+    known = {spring.joint: spring.elasticity for spring in estimate.springs if spring.identifiable}
+    truth = {spring.joint: spring.truth for spring in estimate.springs}
     joints = tuple(
         JointTrial(
             joint=card.name,
@@ -172,9 +139,9 @@ def predict_elastic(
             torsion=torsion[:, joint],
             motor=motor[:, joint],
             link=link[:, joint],
-            final=pass_spring(known, joint),
-            initial=pass_spring(initial, joint),
-            truth=pass_spring(truth, joint),
+            final=pass_spring(known.get(card.name), joint),
+            initial=pass_spring(initial[joint] if initial else None, joint),
+            truth=pass_spring(truth.get(card.name), joint),
         )
         for joint, card in enumerate(library.card.joints)
         if library.card.yielding[joint]
@@ -198,6 +165,7 @@ def predict_elastic(
             ("Torque of the motors by their own dynamics and the springs.", tuple(motors)),
             ("Torque of the joints: by the dynamics of the links, less that of the springs.", tuple(links)),
         ]
+    fitted = measure_overlap(source, estimate.sources, estimate.settings) > 0.0
     return ElasticTrial(source=recording.source, joints=joints, residuals=tuple(tables), fitted=fitted)
 
 

@@ -9,14 +9,12 @@ import pytest
 
 from symid.codegen.functions import ParameterCard
 from symid.errors import Notice
-from symid.identification.elastic.estimate import ElasticEvidence, HistoryEntry, MethodFit, MethodTrial
-from symid.identification.elastic.options import ElasticOptions
+from symid.identification.elastic.estimate import ElasticEvidence, HistoryEntry, MethodTrial
 from symid.identification.elastic.validation import (
     ElasticTrial,
     JointTrial,
     TrackingRun,
     evaluate_elastic,
-    predict_elastic,
 )
 from symid.identification.estimators.estimate import ParameterEstimate, Residual
 from symid.ipopt import Ending
@@ -383,16 +381,12 @@ def library():
     return replace(plain, card=card)
 
 
-def predict(library, stiffness=STIFFNESS, **options):
+def predict(library, stiffness=STIFFNESS, truth=None, **options):
     """Return what true parameters and a spring predict of the log."""
-    fit = MethodFit(
-        method="two-step",
-        beta=np.array([MASS]),
-        rotor=np.array([ROTOR]),
-        friction=np.array(FRICTION),
-        elasticity=(Elasticity(stiffness=stiffness),) if stiffness else (),
-    )
-    return predict_elastic(library, build_log(), ElasticOptions(cutoff=0.0), fit, **options)
+    estimate = build_estimate()
+    spring = replace(estimate.springs[0], elasticity=Elasticity(stiffness=stiffness), truth=truth)
+    estimate = replace(estimate, springs=(spring,) if stiffness else ())
+    return evaluate_elastic(estimate, library, build_log("another"), **options)
 
 
 def test_true_parameters_leave_nothing_and_a_wrong_spring_is_seen(library):
@@ -415,12 +409,11 @@ def test_true_parameters_leave_nothing_and_a_wrong_spring_is_seen(library):
 
 def test_start_and_truth_are_drawn_where_they_are_known(library):
     start = (Elasticity(stiffness=0.5 * STIFFNESS),)
-    trial = predict(library, initial=start, truth=(Elasticity(),), fitted=True)
+    trial = predict(library, initial=start, truth=Elasticity())
     (joint,) = trial.joints
     np.testing.assert_allclose(joint.initial, 0.5 * joint.final, rtol=1e-12)
     # A robot file may name a spring without its value.
     assert joint.truth is None
-    assert trial.fitted
     trial = predict(library, None)
     assert (trial.joints[0].final, len(trial.residuals)) == (None, 1)
 

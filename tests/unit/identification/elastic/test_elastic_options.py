@@ -47,7 +47,7 @@ def test_all_mistakes_are_told_at_once_and_grids_must_be_there_for_every_joint()
     check_grids(ElasticOptions(thresholds=((0.1,), ())), 2)
     with raises(UsageError, "usage.elastic-option", match=r"^knee_torques .*1 .*2$"):
         check_grids(ElasticOptions(knee_torques=((1.0,),)), 2)
-    wrong = {"hessian": "bfgs", "weight_limit": 0.0, "rounds": -1, "iterations": 0, "rows": ("power",)}
+    wrong = {"hessian": "bfgs", "least_stiffness": 0.0, "rounds": -1, "iterations": 0, "rows": ("power",)}
     wrong |= {"speeds": (1.0, 0.1), "slopes": (1.5, 3.0), "smoothing": -1.0}
     with raises(UsageError, *["usage.nlp-option"] * len(wrong)) as caught:
         NlpOptions(**wrong)

@@ -114,7 +114,7 @@ def test_names_bounds_and_places():
     np.testing.assert_array_equal(layout.lower[:7], [-np.inf, 0, 0, 0, -np.inf, 0, 0.01])
     np.testing.assert_allclose(layout.lower[7:], [0.1, 0, 0, 0, *[0.05] * 4])
     # The last stop is beyond the largest torsion: it cannot be told from k0, and has no weight.
-    np.testing.assert_allclose(layout.upper[7:], [1e4, 1e4, 1e4, 0, *[20.0] * 4])
+    np.testing.assert_allclose(layout.upper[7:], [np.inf, np.inf, np.inf, 0, *[20.0] * 4])
     assert layout.size == 15
 
 
