@@ -348,11 +348,12 @@ def summarise_race(title: str, draws: Sequence[Draw]) -> SearchRace:
     means = counts.mean(axis=0).tolist()
     plain, hybrid = (SearchCost(name, sizes[name], *row) for name, row in zip(RACERS, means, strict=True))
     fewer, cheaper = np.sum(counts[:, 1, :2] < counts[:, 0, :2], axis=0).tolist()
-    changes = [(one, other, 100.0 * (other / one - 1.0)) for one, other in zip(*means, strict=True)]
-    generations, evaluations = (
-        f"{other:.0f} against {one:.0f} {what}, {abs(change):.0f} % {'fewer' if change < 0.0 else 'more'}"
-        for what, (one, other, change) in zip(("generations", "evaluations"), changes, strict=False)
-    )
+    texts = []
+    for what, one, other in zip(("generations", "evaluations"), *means, strict=False):
+        change = 100.0 * (other / one - 1.0)
+        side = f"{abs(change):.0f} % {'fewer' if change < 0.0 else 'more'}"
+        texts.append(f"{other:.0f} against {one:.0f} {what}, {side}")
+    generations, evaluations = texts
     return SearchRace(
         title=title,
         draws=len(draws),
