@@ -51,7 +51,7 @@ _STEPS = 8
 NO_FRICTION, GRAVITY, TERM = "robot.no-friction", "robot.gravity", "identify.structure"
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:
     """A mistake undone, or a term added.
 
@@ -65,8 +65,8 @@ class Hypothesis:
     family: str
     cause: str
     remedy: str
-    joints: tuple[int, ...] = ()
     motion: ThinMotion
+    joints: tuple[int, ...] = ()
     columns: FloatArray | None = None
 
 
@@ -216,24 +216,15 @@ def find_causes(
             alike[other.family] = place
     causes = []
     for place in sorted(alike.values(), key=lambda place: left(place, moving.tolist())):
-        hypothesis = trials[place].hypothesis
-        own = list(hypothesis.joints or moving.tolist())
+        entry = trials[place].hypothesis
+        own = list(entry.joints or moving.tolist())
         before, after = (
             100.0 * float(np.mean(np.sqrt(losses[:, own].sum(axis=0))))
             for losses in (base.losses, trials[place].found.losses)
         )
-        causes.append(
-            Cause(
-                code=hypothesis.code,
-                family=hypothesis.family,
-                cause=hypothesis.cause,
-                remedy=hypothesis.remedy,
-                joints=tuple(names[joint] for joint in hypothesis.joints),
-                before=before,
-                after=after,
-                p=chances[place],
-            )
-        )
+        said = {name: getattr(entry, name) for name in ("code", "family", "cause", "remedy")}
+        joints = tuple(names[joint] for joint in entry.joints)
+        causes.append(Cause(**said, joints=joints, before=before, after=after, p=chances[place]))
     return tuple(causes)
 
 
@@ -319,15 +310,9 @@ def list_terms(library: Library, motion: ThinMotion, values: FloatArray) -> Iter
             added = added[:, sizes > 0.0] / sizes[sizes > 0.0]
             whole = np.zeros((*columns.shape[:2], added.shape[1]))
             whole[:, joint] = added
-            yield Hypothesis(
-                code=TERM,
-                family=f"{name} of {entry.name}",
-                cause=f"joint {entry.name!r} lacks a term of {name}",
-                remedy=family.advice,
-                joints=(joint,),
-                motion=motion,
-                columns=np.concatenate([columns, whole], axis=2),
-            )
+            cause = f"joint {entry.name!r} lacks a term of {name}"
+            wider = np.concatenate([columns, whole], axis=2)
+            yield Hypothesis(TERM, f"{name} of {entry.name}", cause, family.advice, motion, (joint,), wider)
 
 
 def _scale_torque(motion: ThinMotion, factors: FloatArray | float) -> ThinMotion:
@@ -339,10 +324,7 @@ def _scale_position(motion: ThinMotion, factors: FloatArray | float) -> ThinMoti
 
 
 def list_mistakes(
-    library: Library,
-    motion: ThinMotion,
-    fold: NDArray[np.intp],
-    transmission: FloatArray | None = None,
+    library: Library, motion: ThinMotion, fold: NDArray[np.intp], transmission: FloatArray | None = None
 ) -> Iterator[Hypothesis]:
     """Yield what the logs would be without each single mistake.
 
@@ -357,45 +339,26 @@ def list_mistakes(
         each, dq = np.arange(count), motion.dq
         added = np.zeros((*dq.shape, 2 * count))
         added[:, each, each], added[:, each, each + count] = dq, np.sign(dq)
-        yield Hypothesis(
-            code=NO_FRICTION,
-            family="friction",
-            cause="the robot file states no friction, and the joints have some",
-            remedy="state friction of each joint (--friction coulomb-viscous-offset, or [joint.friction])",
-            motion=motion,
-            columns=np.concatenate([evaluate_motion(library, motion), added], axis=2),
-        )
-    yield Hypothesis(
-        code="log.torque-sign",
-        family="sign of all torques",
-        cause="all torques have the wrong sign",
-        remedy="state a factor of -1 in [log.torque]",
-        motion=_scale_torque(motion, -1.0),
-    )
-    yield Hypothesis(
-        code="log.position-sign",
-        family="sign of all positions",
-        cause="all positions have the wrong sign",
-        remedy="state a factor of -1 in [log.position]",
-        motion=_scale_position(motion, -1.0),
-    )
+        cause = "the robot file states no friction, and the joints have some"
+        remedy = "state friction of each joint (--friction coulomb-viscous-offset, or [joint.friction])"
+        wider = np.concatenate([evaluate_motion(library, motion), added], axis=2)
+        yield Hypothesis(NO_FRICTION, "friction", cause, remedy, motion, (), wider)
+    cause = "all torques have the wrong sign"
+    remedy = "state a factor of -1 in [log.torque]"
+    yield Hypothesis("log.torque-sign", "sign of all torques", cause, remedy, _scale_torque(motion, -1.0))
+    cause = "all positions have the wrong sign"
+    remedy = "state a factor of -1 in [log.position]"
+    family, undone = "sign of all positions", _scale_position(motion, -1.0)
+    yield Hypothesis("log.position-sign", family, cause, remedy, undone)
     for joint, (unit, name) in enumerate(zip(units, names, strict=True)):
-        yield Hypothesis(
-            code="log.torque-sign",
-            family=f"sign of torque {name}",
-            cause=f"the torque of joint {name!r} has the wrong sign",
-            remedy="state its factor -1 in [log.torque], or turn its gear",
-            joints=(joint,),
-            motion=_scale_torque(motion, 1.0 - 2.0 * unit),
-        )
-        yield Hypothesis(
-            code="log.position-sign",
-            family=f"sign of position {name}",
-            cause=f"the position of joint {name!r} has the wrong sign",
-            remedy="state its factor -1 in [log.position]",
-            joints=(joint,),
-            motion=_scale_position(motion, 1.0 - 2.0 * unit),
-        )
+        cause = f"the torque of joint {name!r} has the wrong sign"
+        remedy = "state its factor -1 in [log.torque], or turn its gear"
+        family, undone = f"sign of torque {name}", _scale_torque(motion, 1.0 - 2.0 * unit)
+        yield Hypothesis("log.torque-sign", family, cause, remedy, undone, (joint,))
+        cause = f"the position of joint {name!r} has the wrong sign"
+        remedy = "state its factor -1 in [log.position]"
+        family, undone = f"sign of position {name}", _scale_position(motion, 1.0 - 2.0 * unit)
+        yield Hypothesis("log.position-sign", family, cause, remedy, undone, (joint,))
     matrix = np.zeros((0, count)) if transmission is None else transmission
     for motor in range(len(matrix)):
         turn = np.linalg.solve(matrix, (1.0 - 2.0 * units[motor])[:, None] * matrix)
@@ -403,14 +366,10 @@ def list_mistakes(
         if not np.allclose(turn, np.diag(np.diag(turn))):
             driven = np.flatnonzero(matrix[motor]).tolist()
             moved = " and ".join(repr(names[joint]) for joint in driven)
-            yield Hypothesis(
-                code="log.torque-sign",
-                family=f"sign of motor {motor + 1}",
-                cause=f"the torque of motor {motor + 1}, which moves {moved}, has the wrong sign",
-                remedy="state its factor -1 in [log.torque]",
-                joints=tuple(driven),
-                motion=replace(motion, tau=motion.tau @ turn),
-            )
+            cause = f"the torque of motor {motor + 1}, which moves {moved}, has the wrong sign"
+            remedy = "state its factor -1 in [log.torque]"
+            family, undone = f"sign of motor {motor + 1}", replace(motion, tau=motion.tau @ turn)
+            yield Hypothesis("log.torque-sign", family, cause, remedy, undone, tuple(driven))
     for first, second in combinations(range(count), 2):
         order = list(range(count))
         order[first], order[second] = second, first
@@ -429,14 +388,9 @@ def list_mistakes(
             ("joints", "[log]", replace(states, tau=tau)),
         )
         for what, where, other in swapped:
-            yield Hypothesis(
-                code="log.swapped-joints",
-                family=f"{what} {pair}",
-                cause=f"the {what} {pair} are exchanged",
-                remedy=f"correct the order of columns in {where}",
-                joints=(first, second),
-                motion=other,
-            )
+            cause = f"the {what} {pair} are exchanged"
+            remedy = f"correct the order of columns in {where}"
+            yield Hypothesis("log.swapped-joints", f"{what} {pair}", cause, remedy, other, (first, second))
     yield from _list_sizes(library, names, motion, fold)
 
 
@@ -446,36 +400,26 @@ def _list_sizes(
     """Yield what the logs would be with other units, times, delays and zeros."""
     count, units = len(names), np.eye(len(names))
     for factor, what in ((np.pi / 180.0, "degrees"), (180.0 / np.pi, "radians")):
-        yield Hypothesis(
-            code="log.wrong-unit",
-            family="unit of positions",
-            cause=f"positions are in {what}",
-            remedy=f'state unit = "{what[:3]}" in [log.position]',
-            motion=_scale_position(motion, factor),
-        )
+        cause = f"positions are in {what}"
+        remedy = f'state unit = "{what[:3]}" in [log.position]'
+        family, undone = "unit of positions", _scale_position(motion, factor)
+        yield Hypothesis("log.wrong-unit", family, cause, remedy, undone)
         for joint, (unit, name) in enumerate(zip(units, names, strict=True)):
-            yield Hypothesis(
-                code="log.wrong-unit",
-                family=f"unit of position {name}",
-                cause=f"positions of joint {name!r} are in {what}",
-                remedy="state its factor in [log.position]",
-                joints=(joint,),
-                motion=_scale_position(motion, np.where(unit, factor, 1.0)),
-            )
+            cause = f"positions of joint {name!r} are in {what}"
+            remedy = "state its factor in [log.position]"
+            family, undone = f"unit of position {name}", _scale_position(motion, np.where(unit, factor, 1.0))
+            yield Hypothesis("log.wrong-unit", family, cause, remedy, undone, (joint,))
     decades = [10.0**power for power in range(-_DECADES, _DECADES + 1) if abs(power) > 1]
     # A joint whose torque is made tiny is cut off from the others, which may help any wrong model.
     size = np.log(np.maximum(np.sqrt(np.mean(motion.tau**2, axis=0)), np.finfo(float).tiny))
     for factor, joint in product(decades, range(count)):
         away = size[joint] - float(np.mean(np.delete(size, joint))) if len(size) > 1 else 0.0
         if abs(away + np.log(factor)) < abs(away):
-            yield Hypothesis(
-                code="log.wrong-unit",
-                family=f"unit of torque {names[joint]}",
-                cause=f"the torque of joint {names[joint]!r} is {1.0 / factor:g} times what it should be",
-                remedy="state its unit, factor or gear in [log.torque]",
-                joints=(joint,),
-                motion=_scale_torque(motion, np.where(units[joint], factor, 1.0)),
-            )
+            cause = f"the torque of joint {names[joint]!r} is {1.0 / factor:g} times what it should be"
+            remedy = "state its unit, factor or gear in [log.torque]"
+            family, factors = f"unit of torque {names[joint]}", np.where(units[joint], factor, 1.0)
+            undone = _scale_torque(motion, factors)
+            yield Hypothesis("log.wrong-unit", family, cause, remedy, undone, (joint,))
 
     def scale_times(power: float) -> ThinMotion:
         factor = 10.0**power
@@ -485,13 +429,9 @@ def _list_sizes(
     powers = np.linspace(-1.0, 1.0, _STEPS + 1)
     times = _search(library, fold, scale_times, powers[powers != 0.0])
     for power in (times, float(_DECADES), -float(_DECADES)):
-        yield Hypothesis(
-            code="log.time-scale",
-            family="times",
-            cause=f"the times of the log are about {10.0**-power:.3g} times what they should be",
-            remedy=f"multiply them by {10.0**power:.3g} (unit of [log.time])",
-            motion=scale_times(power),
-        )
+        cause = f"the times of the log are about {10.0**-power:.3g} times what they should be"
+        remedy = f"multiply them by {10.0**power:.3g} (unit of [log.time])"
+        yield Hypothesis("log.time-scale", "times", cause, remedy, scale_times(power))
     span = float(min(np.bincount(motion.run))) * motion.period
     delays = motion.period * 2.0 ** np.arange(-1.0, _STEPS)
     delays = delays[10.0 * delays <= span]
@@ -501,13 +441,9 @@ def _list_sizes(
             return shift_torques(motion, sign * size)
 
         delay = _search(library, fold, shift, delays)
-        yield Hypothesis(
-            code="log.torque-delay",
-            family="delay",
-            cause=f"torques are logged about {1e3 * delay:.3g} ms {side} the motion",
-            remedy="shift them in the log; `symid check` states the delay",
-            motion=shift(delay),
-        )
+        cause = f"torques are logged about {1e3 * delay:.3g} ms {side} the motion"
+        remedy = "shift them in the log; `symid check` states the delay"
+        yield Hypothesis("log.torque-delay", "delay", cause, remedy, shift(delay))
     # A whole turn changes nothing.
     zeros = np.linspace(-np.pi, np.pi, _STEPS + 1)[1:]
     for joint, unit in enumerate(units):
@@ -516,14 +452,9 @@ def _list_sizes(
             return replace(motion, q=motion.q - zero * unit)
 
         zero = _search(library, fold, turn, zeros[zeros != 0.0], joint)
-        yield Hypothesis(
-            code="log.joint-zero",
-            family=f"zero of {names[joint]}",
-            cause=f"the zero of joint {names[joint]!r} is off by about {zero:.2g} rad",
-            remedy="state it as offset of [log.position], or correct theta of the robot file",
-            joints=(joint,),
-            motion=turn(zero),
-        )
+        cause = f"the zero of joint {names[joint]!r} is off by about {zero:.2g} rad"
+        remedy = "state it as offset of [log.position], or correct theta of the robot file"
+        yield Hypothesis("log.joint-zero", f"zero of {names[joint]}", cause, remedy, turn(zero), (joint,))
 
 
 def _search(
@@ -581,10 +512,6 @@ def suspect_gravity(found: GravityEstimate, motion: ThinMotion) -> Hypothesis:
     """Return the hypothesis that gravity has the direction that was found."""
     vector = ", ".join(f"{value:.3g}" for value in found.direction)
     turn, deviation = np.degrees(found.turn), np.degrees(found.deviation)
-    return Hypothesis(
-        code=GRAVITY,
-        family="gravity",
-        cause=f"gravity differs from the robot file's by {turn:.3g} degrees +- {deviation:.2g}",
-        remedy=f"state gravity = [{vector}] in the robot file, if the robot is mounted so",
-        motion=replace(motion, tau=found.tau),
-    )
+    cause = f"gravity differs from the robot file's by {turn:.3g} degrees +- {deviation:.2g}"
+    remedy = f"state gravity = [{vector}] in the robot file, if the robot is mounted so"
+    return Hypothesis(GRAVITY, "gravity", cause, remedy, replace(motion, tau=found.tau))

@@ -135,10 +135,10 @@ def compute_changes(replicates: FloatArray) -> FloatArray:
 
 
 def compute_variance(changes: FloatArray) -> FloatArray:
-    """Return variances (p,) from what blocks change (S, p): normal intervals of them hold as often as they say.
+    """Return variances (p,) from what blocks change (S, p), for normal intervals that hold as they say.
 
-    A variance from few blocks is uncertain: sum c^2 has about 3 (sum c^2)^2 / sum c^4 degrees of freedom, S - 1
-    at most (Satterthwaite 1946), and is enlarged by the quantile of Student's t over the normal one.
+    A variance from few blocks is uncertain: sum c^2 has about 3 (sum c^2)^2 / sum c^4 degrees of freedom,
+    S - 1 at most (Satterthwaite 1946), and is enlarged by the quantile of Student's t over the normal one.
     """
     squares = changes**2
     total, fourth = squares.sum(axis=0), np.sum(squares**2, axis=0)

@@ -2,12 +2,10 @@
 
 SettingsStudy, values of the fit -> `Evidence`.
 
-    prediction    100 |y - Y x_(-f)| / max(|y|, |Y x|) of every joint within the scoring band, f the fold of
-    the row consistency   two estimates from different rows: halves of a log, a log and the others, slow and
-    fast rows, the
-                  band taken and half of it; `agree` says same, different, or cannot be said
-    physics       rotor inertias, friction and mass matrices that no robot has, surely (p below the alarm
-    level)
+    prediction    100 |y - Y x_(-f)| / max(|y|, |Y x|) of every joint in the scoring band, f the row's fold
+    consistency   two estimates from different rows: halves of a log, a log and others, slow and fast rows,
+                  the band taken and half of it; `agree` says same, different, or cannot be said
+    physics       rotor inertias, friction and mass matrices that no robot has, surely (p below the alarm)
                   and not small; then the fit is bounded, and what that leaves counts
 
 Joints at rest and joints without a torque count nowhere. Of several logs, whole logs are held out where each
