@@ -11,7 +11,7 @@ MOST = {
     "lines": 82_000,
     "imports inside functions": 74,
     "strings read as a language": 0,
-    "lines of tests": 57_064,  # Faults of samples, and plants of the judge, are tested on their own.
+    "lines of tests": 57_080,  # Faults of samples, and plants of the judge, are tested on their own.
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }

@@ -36,8 +36,8 @@ class Policy:
         "probability below which a choice stays on the safe side: the estimator that needs fewer "
         "assumptions, "
         "or the candidate that predicts best",
-        "a false alarm costs little here: leaving out slow rows makes deviations 1 to 12 % larger",
-        "halved: bias up to two deviations may stay; doubled: one joint in five loses slow rows for nothing",
+        "a false alarm costs a little precision here",
+        "halved: bias up to two deviations may stay; doubled: one choice in five is wider for nothing",
     )
     confidence: float = _number(
         0.95,

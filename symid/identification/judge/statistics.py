@@ -137,13 +137,13 @@ def compute_changes(replicates: FloatArray) -> FloatArray:
 def compute_variance(changes: FloatArray) -> FloatArray:
     """Return variances (p,) from what blocks change (S, p), for normal intervals that hold as they say.
 
-    A variance from few blocks is uncertain: sum c^2 has about 3 (sum c^2)^2 / sum c^4 degrees of freedom,
-    S - 1 at most (Satterthwaite 1946), and is enlarged by the quantile of Student's t over the normal one.
+    A variance from few blocks is uncertain: sum c^2 has about 3 (sum c^2)^2 / sum c^4 - 2 degrees of freedom
+    (Satterthwaite 1946), S - 1 at most, and is enlarged by the quantile of Student's t over the normal one.
     """
     squares = changes**2
     total, fourth = squares.sum(axis=0), np.sum(squares**2, axis=0)
     freedom = np.divide(3.0 * total**2, fourth, out=np.ones_like(total), where=fourth > 0.0)
-    freedom = np.clip(freedom, 1.0, max(1, len(changes) - 1))
+    freedom = np.clip(freedom - 2.0, 1.0, max(1, len(changes) - 1))
     inside = 0.5 * (1.0 + POLICY.confidence)
     factor = scipy.special.stdtrit(freedom, inside) / scipy.special.ndtri(inside)
     return np.asarray(total * factor**2)

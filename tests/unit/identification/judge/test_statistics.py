@@ -13,6 +13,7 @@ from symid.identification.judge import (
     compare,
     compute_chance,
     compute_changes,
+    compute_variance,
 )
 
 
@@ -103,6 +104,17 @@ def compare_halves(seed, true, size=1e3):
     difference, changes, gram = draw_halves(np.random.default_rng(seed), np.array(true))
     (found,) = agree(difference, changes, gram[None], np.array([size]))
     return found, np.sqrt(np.array(true) @ gram @ true / size)
+
+
+@pytest.mark.parametrize(("blocks", "uneven"), [(6, 0.0), (24, 0.0), (24, 0.5)])
+def test_normal_intervals_from_few_blocks_hold_as_they_say(blocks, uneven):
+    rng = np.random.default_rng(3)
+    sizes = np.exp(uneven * rng.standard_normal((20000, blocks)))
+    changes = (sizes * rng.standard_normal((20000, blocks))).T
+    variance = compute_variance(changes)
+    error = np.sum(sizes * rng.standard_normal((20000, blocks)), axis=1)
+    assert np.mean(np.abs(error) < 1.96 * np.sqrt(variance)) == pytest.approx(0.95, abs=0.02)
+    assert np.all(variance >= np.sum(changes**2, axis=0))
 
 
 def test_equal_halves_differ_by_chance_alone():
