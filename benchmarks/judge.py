@@ -485,7 +485,7 @@ def run_real(name: str, given: Given, folder: Path) -> dict:
         reached = f"{percent:.2f} % (joints stacked {stacked:.2f} %), {result['level']}"
         # Of the pendulum's joints one hardly needs a torque: they are published as one vector.
         percent = stacked if key == "pendulum" else percent
-        missed += [f"{percent:.2f} %"] * (percent > most)
+        missed += [f"{percent:.2f} %"] * bool(percent > most)
     if key == "emps-published" and fit is not None:
         (own,), (pulses,) = fit.residual, fit.validate(logs[1], **options).residual
         found = {k: (fit[k].value, fit[k].std) for k in fit}

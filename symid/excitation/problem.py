@@ -33,7 +33,6 @@ from dataclasses import dataclass, field
 from typing import final
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, freeze
@@ -194,7 +193,13 @@ def build_limit_rows(space: SeriesSpace, limits: MotionLimits, density: int) -> 
         full = basis[kept] / (sure * limits.bounds[kept, joint])[:, None, None]
         blocks.append(np.concatenate(full @ space.maps[joint]))
         constants.append(np.ravel(full @ offset))
-    return scipy.linalg.block_diag(*blocks), np.concatenate(constants)
+    rows = np.zeros((sum(map(len, blocks)), sum(block.shape[1] for block in blocks)))
+    row, column = 0, 0
+    for block in blocks:
+        height, width = block.shape
+        rows[row : row + height, column : column + width] = block
+        row, column = row + height, column + width
+    return rows, np.concatenate(constants)
 
 
 @final

@@ -31,7 +31,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import scipy
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.environment import check_suffix, write_file
@@ -369,7 +368,9 @@ def read_trajectory(path: Path, robot: Robot) -> SampledMotion:
         raise LogError(*notices)
     start = time - time[0]
     if velocity is None or acceleration is None:
-        spline = scipy.interpolate.make_interp_spline(start, position, k=5)
+        from scipy.interpolate import make_interp_spline
+
+        spline = make_interp_spline(start, position, k=5)
         velocity, acceleration = (np.asarray(spline(start, k), dtype=np.float64) for k in (1, 2))
     return SampledMotion(
         time=start,

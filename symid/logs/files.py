@@ -32,7 +32,6 @@ from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-import scipy
 
 from symid.arrays import FloatArray, freeze
 from symid.environment import check_suffix, read_file, write_file
@@ -404,15 +403,16 @@ def read_mat(path: Path) -> RawLog:
         head = stream.read(520)
     if _HDF5_MAGIC in head:
         return read_hdf5(path)
+    from scipy import io as matlab
 
     try:
         # Version 4 begins with a number of which some bytes are zero.
         if 0 not in head[:4] and not _has_matlab_elements(path.read_bytes()):
             text = "this is not a MATLAB file that can be read: its elements are damaged"
             raise build_file_error(path, text)
-        content = scipy.io.loadmat(str(path), struct_as_record=True)
+        content = matlab.loadmat(str(path), struct_as_record=True)
     # SciPy raises any of these on a damaged file, according to where the damage lies.
-    except (scipy.io.matlab.MatReadError, zlib.error, *_DAMAGED) as error:
+    except (matlab.matlab.MatReadError, zlib.error, *_DAMAGED) as error:
         reason = "an array is larger than memory" if isinstance(error, MemoryError) else error
         raise build_file_error(path, f"this is not a MATLAB file that can be read: {reason}") from error
     return _build_raw_log(path, _flatten_structures(content), {})

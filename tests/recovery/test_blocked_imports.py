@@ -62,7 +62,7 @@ estimate = prepare_methods(library, [log], ElasticOptions())("weighted")
 errors = [abs(p.value / p.truth - 1.0) for p in estimate.parameters if abs(p.truth) > 1e-9]
 """
 TAIL = """
-assert read_fit(write_fit(estimate, folder / "estimate.json"), card) == estimate
+assert read_fit(write_fit(estimate, folder / "estimate.json")) == estimate
 loaded = sorted({name.partition(".")[0] for name in sys.modules} & {"sympy", "casadi"})
 print(json.dumps({"error": float(max(errors)), "loaded": loaded}))
 """

@@ -162,11 +162,13 @@ def find_causes(
         return ()
     bad = mask_impossible(library, motion, base.fit)
 
+    def mask_left(place: int) -> NDArray[np.bool_]:
+        """Return the joints that are impossible with a hypothesis."""
+        return mask_impossible(library, trials[place].hypothesis.motion, trials[place].found.fit)
+
     def is_sound(place: int) -> bool:
         """Return whether no joint of a hypothesis is impossible with it, and no other one that was not."""
-        trial = trials[place]
-        left = mask_impossible(library, trial.hypothesis.motion, trial.found.fit)
-        return not np.any(left & (mask_joints(trial.hypothesis) | ~bad))
+        return not np.any(mask_left(place) & (mask_joints(trials[place].hypothesis) | ~bad))
 
     def mask_joints(hypothesis: Hypothesis) -> NDArray[np.bool_]:
         return np.isin(np.arange(len(names)), hypothesis.joints or moving)
@@ -212,7 +214,7 @@ def find_causes(
         if other.family == first.family or not rival or (other.code == TERM and first.code != TERM):
             continue
         better = other.family not in alike or left(place, own) < left(alike[other.family], own)
-        if better and is_sound(place) >= is_sound(best):
+        if better and mask_left(place).sum() <= mask_left(best).sum():
             alike[other.family] = place
     causes = []
     for place in sorted(alike.values(), key=lambda place: left(place, moving.tolist())):

@@ -176,7 +176,7 @@ class Cause:
     p: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True)
 class JointRange:
     """What a fit covers of a joint: positions `low` to `high`, `speed` and `acceleration` at most (SI)."""
 

@@ -67,6 +67,8 @@ def collect_evidence(
         better = differs and diagnostics.predicts_better(library, motion, logs.fold, turned)
         tests += (build_gravity_test(gravity, better=better),)
     impossible = list_impossible(library, study, motion, fit, whole=whole)
+    fastest = (np.abs(part).max(axis=0) for part in (motion.dq, motion.ddq))
+    ranges = [part.tolist() for part in (motion.q.min(axis=0), motion.q.max(axis=0), *fastest)]
     found = estimators.Evidence(
         joints=list_joints(study, fit.values, folds, names),
         scoring=study.choice.scoring,
@@ -77,16 +79,7 @@ def collect_evidence(
         bounded=measure_bounded(study, robot, library) if impossible else 0.0,
         in_proportion=tuple((names[j], names[k]) for j, k in logs.list_proportions()),
         period=logs.repeats,
-        covered=tuple(
-            estimators.JointRange(
-                joint=name,
-                low=float(motion.q[:, joint].min()),
-                high=float(motion.q[:, joint].max()),
-                speed=float(np.abs(motion.dq[:, joint]).max()),
-                acceleration=float(np.abs(motion.ddq[:, joint]).max()),
-            )
-            for joint, name in enumerate(names)
-        ),
+        covered=tuple(estimators.JointRange(*row) for row in zip(names, *ranges, strict=True)),
     )
     return replace(found, causes=list_causes(library, study, motion, found, gravity, transmission))
 
