@@ -55,6 +55,8 @@ from symid.ipopt import Ending, GraphProblem, IpoptOptions, SmoothProblem, keep_
 from symid.joint_models import Elasticity, build_casadi_carrier, compute_play, compute_stribeck_derivatives
 from symid.robot import suggest_names
 
+_TOLERANCE = 1e-9
+"""Of Ipopt, on the scaled problem."""
 _NEAR_BOUND = 1e-3
 """Distance in scaled unknowns within which Newton steps try an unknown on its bound."""
 
@@ -122,7 +124,7 @@ def optimise_nlp(
         upper=layout.upper,
     ).scale(scales)
     begin = np.clip(start, layout.lower, layout.upper) / scales
-    ipopt = IpoptOptions(tolerance=numerics.RANK, iterations=options.iterations)
+    ipopt = IpoptOptions(tolerance=_TOLERANCE, iterations=options.iterations)
     run = minimise(scaled, begin, replace(ipopt, barrier=ipopt.tolerance) if near else ipopt)
     if near and run.outcome is not Ending.CONVERGED:
         again = minimise(scaled, begin, ipopt)
@@ -716,7 +718,7 @@ def solve_nlp_graph(graph: NlpGraph) -> NlpAnswer:
             bend = float(casadi.Function("bend", [x], [casadi.hessian(cost, entry.symbol)[0]])(start))
             scale = bend**-0.5 if 0.0 < bend < np.inf else max(abs(entry.start), 1e-3)
         scales[place] = scale
-    options = IpoptOptions(tolerance=numerics.RANK, iterations=graph.options.iterations)
+    options = IpoptOptions(tolerance=_TOLERANCE, iterations=graph.options.iterations)
     run = minimise_graph(problem, start, options, scales)
     if not run.outcome.usable:
         text = f"the one-shot problem has no solution: {run.reason}; relax constraints, or start elsewhere"
