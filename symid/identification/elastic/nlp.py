@@ -55,10 +55,8 @@ from symid.ipopt import Ending, GraphProblem, IpoptOptions, SmoothProblem, keep_
 from symid.joint_models import Elasticity, build_casadi_carrier, compute_play, compute_stribeck_derivatives
 from symid.robot import suggest_names
 
-_TOLERANCE = 1e-9
-"""Of Ipopt, on the scaled problem."""
-_NEAR_BOUND = 1e-3
-"""Distance in scaled unknowns within which Newton steps try an unknown on its bound."""
+_TOLERANCE, _NEAR_BOUND = 1e-9, 1e-3
+"""Of Ipopt, on the scaled problem; distance within which Newton steps try an unknown on its bound."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
