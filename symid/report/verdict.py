@@ -183,12 +183,8 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
     ]
     if evidence.impossible:
         bounded = min(_rate(evidence.bounded), "usable", key=LEVELS.index)
-        caps.append(
-            (
-                bounded,
-                f"{'; '.join(evidence.impossible)}; bodies that exist leave {evidence.bounded:.3g} %",
-            )
-        )
+        text = f"{'; '.join(evidence.impossible)}; bodies that exist leave {evidence.bounded:.3g} %"
+        caps.append((bounded, text))
     caps += [
         ("usable", f"{first} and {second} move in proportion: what belongs to which cannot be seen")
         for first, second in evidence.in_proportion
@@ -286,8 +282,7 @@ def judge_identification(estimate: Estimate, validations: Sequence[Validation]) 
         if least is not None:
             details.append(
                 f"The least predictable joint is {least.joint}: {least.held_out:.3g} % of its held-out "
-                f"torque "
-                f"is left ({least.fitted:.3g} % in the fit, {least.moving:.3g} % in motion)."
+                f"torque is left ({least.fitted:.3g} % in the fit, {least.moving:.3g} % in motion)."
             )
         slow = max((entry.share for entry in evidence.joints), default=0.0)
         if slow > 0.0:

@@ -180,9 +180,10 @@ def find_causes(
     cured = [
         place
         for place, trial in enumerate(trials)
-        # A term has values of its own, which may make anything possible.
+        # A term has values of its own, which may make anything possible; so has noise.
         if place not in passed
         and trial.hypothesis.code != TERM
+        and measure_percent(trial.found.losses, moving.tolist()) <= POLICY.lost
         and np.any(bad & mask_joints(trial.hypothesis))
         and predicts_as_well(trial)
         and is_sound(place)
@@ -220,14 +221,16 @@ def find_causes(
     for place in sorted(alike.values(), key=lambda place: left(place, moving.tolist())):
         entry = trials[place].hypothesis
         own = list(entry.joints or moving.tolist())
-        before, after = (
-            100.0 * float(np.mean(np.sqrt(losses[:, own].sum(axis=0))))
-            for losses in (base.losses, trials[place].found.losses)
-        )
+        before, after = (measure_percent(part.losses, own) for part in (base, trials[place].found))
         said = {name: getattr(entry, name) for name in ("code", "family", "cause", "remedy")}
         joints = tuple(names[joint] for joint in entry.joints)
         causes.append(Cause(**said, joints=joints, before=before, after=after, p=chances[place]))
     return tuple(causes)
+
+
+def measure_percent(losses: FloatArray, joints: list[int]) -> float:
+    """Return what losses (b, n) leave of the torque, in percent, on the mean of joints."""
+    return 100.0 * float(np.mean(np.sqrt(losses[:, joints].sum(axis=0))))
 
 
 def _compare(base: TriedFit, found: TriedFit, joints: list[int]) -> tuple[float, float]:
