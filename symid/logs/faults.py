@@ -152,7 +152,7 @@ def mask_repeats(rows: FloatArray, position: FloatArray) -> Mask:
     """
     same = np.append(False, np.all(rows[1:] == rows[:-1], axis=1))
     fresh = np.flatnonzero(~same)
-    if len(fresh) < 2:
+    if len(fresh) < 2 or len(fresh) == len(rows):
         return np.zeros(len(rows), dtype=np.bool_)
     steps, lengths = np.diff(position[fresh], axis=0), np.diff(np.append(fresh, len(rows)))
     rounding = _ROUNDING * np.max(np.abs(position), axis=0)
@@ -312,14 +312,16 @@ def _mask_sudden(position: FloatArray) -> Mask:
 
 def _stand_out(
     values: FloatArray, length: int, known: Mask, curvature: _Curvature
-) -> tuple[FloatArray, FloatArray]:
-    """Return how far blocks of `length` samples that begin at each one stand out, and what is ordinary: (N,).
+) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
+    """Return where blocks of `length` samples begin that may stand out, how far, and what is ordinary: (c,).
 
-    A block near `known` samples (N,), or with none on either side, does not.
+    A block near `known` samples (N,), or with none on either side, does not. Nor does one whose first sample
+    goes on from those before as is ordinary: no sample of a block is farther away than its first one.
     """
-    count, places = len(values), np.arange(len(values))
+    begins = curvature.here[1:-1] > LEVELS.level * curvature.ordinary
+    places = np.flatnonzero(np.append([True, True], begins))
     padded = np.pad(values, (2, length + 2), constant_values=np.nan)
-    old, last, *block, next_, far = (padded[k : k + count] for k in range(length + 4))
+    old, last, *block, next_, far = (padded[places + k] for k in range(length + 4))
     away = []
     for k, own in enumerate(block):
         left, right = own - last - (k + 1) * (last - old), own - next_ - (length - k) * (next_ - far)
@@ -327,21 +329,22 @@ def _stand_out(
         away += [np.where(np.isnan(left), right, left), np.where(np.isnan(right), left, right)]
     table = np.nan_to_num(np.array(away))
     sizes = np.maximum(table.min(axis=0), 0.0) - np.minimum(table.max(axis=0), 0.0)
-    near = spread_bad(known[:, None], length + 2)[:, 0]
+    near = spread_bad(known[:, None], length + 2)[places, 0]
     before = curvature.before[np.maximum(places - 2, 0)]
-    after = curvature.after[np.minimum(places + length + 1, count - 1)]
-    return np.where(near, 0.0, sizes), np.maximum(curvature.ordinary, np.maximum(before, after))
+    after = curvature.after[np.minimum(places + length + 1, len(values) - 1)]
+    usual = np.maximum(curvature.ordinary, np.maximum(before, after))
+    return places, np.where(near, 0.0, sizes), usual
 
 
 def _mask_spikes(values: FloatArray, known: Mask, least: float = 0.0) -> Mask:
     """Return the spikes (N,) of a channel that are larger than `least`."""
     found, curvature = np.zeros(len(values), dtype=np.bool_), _measure_curvature(values)
     for length in range(1, LEVELS.longest + 1):
-        sizes, usual = _stand_out(values, length, known, curvature)
+        places, sizes, usual = _stand_out(values, length, known, curvature)
         large = sizes > np.maximum(LEVELS.level * usual, least)
         if np.sum(large) >= LEVELS.several:
             large |= sizes >= np.min(sizes[large])
-        for start in np.flatnonzero(large):
+        for start in places[large].tolist():
             found[start : start + length] = True
     return found
 
@@ -387,10 +390,11 @@ def _mask_jumps(values: FloatArray, known: Mask) -> Mask:
     """Return so many samples (N,) about each jump that it is bridged by what curvature is ordinary."""
     found, ordinary = np.zeros(len(values), dtype=np.bool_), _measure_curvature(values).ordinary
     steps = np.diff(values)
-    sizes, usual = _stand_out(steps, 1, known[1:] | known[:-1], _measure_curvature(steps))
-    for place in np.flatnonzero(sizes > LEVELS.level * np.maximum(usual, ordinary)):
+    places, sizes, usual = _stand_out(steps, 1, known[1:] | known[:-1], _measure_curvature(steps))
+    large = sizes > LEVELS.level * np.maximum(usual, ordinary)
+    for place, size in zip(places[large].tolist(), sizes[large].tolist(), strict=True):
         # A cubic at rest at both ends curves by six times its height over the square of its length.
-        half = max(1, math.ceil(0.5 * math.sqrt(6.0 * sizes[place] / ordinary)))
+        half = max(1, math.ceil(0.5 * math.sqrt(6.0 * size / ordinary)))
         found[max(0, place + 1 - half) : place + 1 + half] = True
     return found
 
