@@ -12,7 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import MISSING, fields, is_dataclass
 from enum import Enum
 from fractions import Fraction
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from types import NoneType, UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, cast, get_args, get_origin, get_type_hints
@@ -203,9 +203,7 @@ def read_record(kind: type[Record], value: object, where: str = "", *, complete:
         raise _refuse(*(_place(where, notice.text) for notice in error.notices)) from error
 
 
-@cache
-def _get_hints(kind: type) -> dict[str, Any]:
-    return get_type_hints(kind, include_extras=True)
+_get_hints = cache(partial(get_type_hints, include_extras=True))
 
 
 def list_unusable(value: object, where: str = "", depth: int = 0) -> Iterator[str]:

@@ -52,9 +52,7 @@ def read_spring_terms(elasticity: Elasticity) -> SpringTerms[float]:
     )
 
 
-def _read_spring(
-    elasticity: Elasticity,
-) -> tuple[SpringTerms[float], FloatArray, FloatArray]:
+def _read_spring(elasticity: Elasticity) -> tuple[SpringTerms[float], FloatArray, FloatArray]:
     """Return the numbers of an elasticity, and r_i and k_i of its stops as arrays (m,)."""
     terms = read_spring_terms(elasticity)
     pairs = np.array(terms.stops, dtype=np.float64).reshape(-1, 2)
@@ -214,10 +212,7 @@ def compute_play_output(model: PlayModel, values: FloatArray, memory: Memory = N
 
 
 def compute_hysteresis_torque(
-    elasticity: Elasticity,
-    phi: FloatArray,
-    dphi: FloatArray | None = None,
-    memory: Memory = None,
+    elasticity: Elasticity, phi: FloatArray, dphi: FloatArray | None = None, memory: Memory = None
 ) -> FloatArray:
     """Return the torque (N,) of an elastic joint along its torsion.
 

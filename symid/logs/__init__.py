@@ -20,10 +20,7 @@ if TYPE_CHECKING:
         summarise_joints as summarise_joints,
     )
     from symid.logs.draft import Draft as Draft, draft_robot as draft_robot
-    from symid.logs.faults import (
-        choose_times as choose_times,
-        repair_recording as repair_recording,
-    )
+    from symid.logs.faults import choose_times as choose_times, repair_recording as repair_recording
     from symid.logs.files import (
         RawLog as RawLog,
         read_csv as read_csv,

@@ -266,16 +266,23 @@ def _find_faults(
     name: str, values: FloatArray, known: Mask, log: Recording, joint: int
 ) -> dict[FaultKind, Mask]:
     """Return the wrong samples (N,) of a channel by kind; what is near `known` ones is not looked at."""
+    curvature = _measure_curvature(values)
     if name in _POSITIONS:
-        spikes = _mask_spikes(values, known)
-        values = _bridge(values, spikes)
-        stuck = _mask_stuck(values, log.torque[:, joint], known)
-        return {"spikes": spikes, "stuck": stuck, "jumps": _mask_jumps(_bridge(values, stuck), known)}
+        spikes = _mask_spikes(values, known, curvature)
+        if spikes.any():
+            values = _bridge(values, spikes)
+            curvature = _measure_curvature(values)
+        stuck = _mask_stuck(values, log.torque[:, joint], known, curvature)
+        if stuck.any():
+            values = _bridge(values, stuck)
+            curvature = _measure_curvature(values)
+        return {"spikes": spikes, "stuck": stuck, "jumps": _mask_jumps(values, known, curvature.ordinary)}
     # The largest step to another level: between what is largest before it and least after it, or reversed.
-    windows = sliding_window_view(values, LEVELS.longest + 1)
-    low, high, span = windows.min(axis=1), windows.max(axis=1), LEVELS.longest + 1
+    span = LEVELS.longest + 1
+    windows = sliding_window_view(values, len(values) - LEVELS.longest)
+    low, high = windows.min(axis=0), windows.max(axis=0)
     stays = max(0.0, float(np.max(low[span:] - high[:-span])), float(np.max(low[:-span] - high[span:])))
-    found: dict[FaultKind, Mask] = {"spikes": _mask_spikes(values, known, 2.0 * stays)}
+    found: dict[FaultKind, Mask] = {"spikes": _mask_spikes(values, known, curvature, 2.0 * stays)}
     if name == "torque":
         found["clipped"] = _mask_clipped(values, log.position[:, joint])
     return found
@@ -300,13 +307,14 @@ def _measure_curvature(values: FloatArray) -> _Curvature:
 
 def _mask_sudden(position: FloatArray) -> Mask:
     """Return the samples (N,) near which a joint is accelerated as it is not before, or not after."""
-    places, reach = np.arange(len(position)), LEVELS.longest + 1
+    reach = LEVELS.longest + 1
     found = np.zeros(position.shape, dtype=np.bool_)
     for own, values in zip(found.T, position.T, strict=True):
         curve = _measure_curvature(values)
-        before, after = np.maximum(places - reach, 0), np.minimum(places + reach, len(places) - 1)
+        places = np.flatnonzero(curve.here > curve.ordinary)
+        before, after = np.maximum(places - reach, 0), np.minimum(places + reach, len(position) - 1)
         quiet = np.minimum(curve.before[before], curve.after[after])
-        own[:] = curve.here > np.maximum(curve.ordinary, LEVELS.level * quiet)
+        own[places] = curve.here[places] > LEVELS.level * quiet
     return np.asarray(np.any(spread_bad(found, LEVELS.longest), axis=1))
 
 
@@ -336,9 +344,9 @@ def _stand_out(
     return places, np.where(near, 0.0, sizes), usual
 
 
-def _mask_spikes(values: FloatArray, known: Mask, least: float = 0.0) -> Mask:
+def _mask_spikes(values: FloatArray, known: Mask, curvature: _Curvature, least: float = 0.0) -> Mask:
     """Return the spikes (N,) of a channel that are larger than `least`."""
-    found, curvature = np.zeros(len(values), dtype=np.bool_), _measure_curvature(values)
+    found = np.zeros(len(values), dtype=np.bool_)
     for length in range(1, LEVELS.longest + 1):
         places, sizes, usual = _stand_out(values, length, known, curvature)
         large = sizes > np.maximum(LEVELS.level * usual, least)
@@ -362,12 +370,14 @@ def unwrap(values: FloatArray) -> FloatArray:
     return values - turn * np.append(0.0, np.cumsum(turns))
 
 
-def _mask_stuck(values: FloatArray, torque: FloatArray, known: Mask) -> Mask:
+def _mask_stuck(values: FloatArray, torque: FloatArray, known: Mask, curvature: _Curvature) -> Mask:
     """Return where an encoder (N,) repeats its value and catches up, or repeats it until the log ends."""
-    found, count, curvature = np.zeros(len(values), dtype=np.bool_), len(values), _measure_curvature(values)
+    found, count = np.zeros(len(values), dtype=np.bool_), len(values)
     moves = np.pad(np.diff(values), 2)
     changes = np.flatnonzero(moves[2:-2])
     starts, ends = np.append(0, changes + 1), np.append(changes, count - 1)
+    runs = np.append(np.flatnonzero(ends[:-1] > starts[:-1]), len(ends) - 1)
+    starts, ends = starts[runs], ends[runs]
     # Steps into and out of each run of equal values, and those beside them.
     places = np.stack([starts, starts + 1, ends + 2, np.minimum(ends + 3, count + 2)])
     before, into, out, after = moves[places]
@@ -386,10 +396,9 @@ def _mask_stuck(values: FloatArray, torque: FloatArray, known: Mask) -> Mask:
     return found
 
 
-def _mask_jumps(values: FloatArray, known: Mask) -> Mask:
+def _mask_jumps(values: FloatArray, known: Mask, ordinary: float) -> Mask:
     """Return so many samples (N,) about each jump that it is bridged by what curvature is ordinary."""
-    found, ordinary = np.zeros(len(values), dtype=np.bool_), _measure_curvature(values).ordinary
-    steps = np.diff(values)
+    found, steps = np.zeros(len(values), dtype=np.bool_), np.diff(values)
     places, sizes, usual = _stand_out(steps, 1, known[1:] | known[:-1], _measure_curvature(steps))
     large = sizes > LEVELS.level * np.maximum(usual, ordinary)
     for place, size in zip(places[large].tolist(), sizes[large].tolist(), strict=True):

@@ -464,7 +464,7 @@ def compute_spring_bound(
         drive = _build_exact(library, part)[:, :, beta:]
         motor.append(np.concatenate([drive, torques], axis=2) / sigma[:, None])
         # Of links and springs, integrated over windows.
-        add = partial(_integrate, period=part.period)
+        add = partial(scipy.integrate.cumulative_trapezoid, dx=part.period, axis=0, initial=0.0)
         ends = slice(None, None, max(1, round(ElasticOptions().window / part.period)))
         links = regression.build_equations(library, part, np.asarray, add, ends)
         link.append(np.concatenate([links[:, :, :beta], -add(torques)[ends]], axis=2))
@@ -489,8 +489,3 @@ def compute_spring_bound(
     lengths = np.where(lengths > 0.0, lengths, 1.0)
     root = (ways[:count] / lengths) @ np.linalg.pinv(rows @ ways / lengths, rcond=numerics.CONVERGED)
     return root @ root.T
-
-
-def _integrate(values: FloatArray, period: float) -> FloatArray:
-    """Return the integrals (N, ...) up to every sample."""
-    return np.asarray(scipy.integrate.cumulative_trapezoid(values, dx=period, axis=0, initial=0.0))

@@ -4,9 +4,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.identification.judge import numerics as numerics
-    from symid.identification.judge.policy import (
-        POLICY as POLICY,
-    )
+    from symid.identification.judge.policy import POLICY as POLICY
     from symid.identification.judge.statistics import (
         Agreement as Agreement,
         Difference as Difference,

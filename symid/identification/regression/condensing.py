@@ -40,14 +40,7 @@ from symid.identification.regression.preparation import (
     measure_moving_ends,
     prepare_states,
 )
-from symid.logs import (
-    Recording,
-    cut_recording,
-    differentiate,
-    estimate_density,
-    low_pass,
-    mask_filtered,
-)
+from symid.logs import Recording, cut_recording, differentiate, estimate_density, low_pass, mask_filtered
 from symid.robot import Processing
 
 ROW_RATE = 200.0
@@ -111,15 +104,14 @@ def _measure_bands(values: FloatArray, rate: float, power: int) -> FloatArray:
     return found
 
 
-def measure_repetition(recordings: Sequence[Recording]) -> float:
-    """Return the period in s of a motion that repeats in one log, 0 where it does not, twice at least.
+def measure_repetition(recording: Recording, band: float) -> float:
+    """Return the period in s of a motion in a `band` in Hz that repeats, 0 where it does not, twice at least.
 
     The least lag at which positions differ by less than matters: |q(t + P) - q(t)| in root mean squares over
     that of lags at which they are unrelated.
     """
-    (recording,) = recordings
     # So fine that half a step differs by less than matters, too.
-    step = max(1, math.floor(1.0 / (100.0 * max(measure_scoring_band(recordings), 1e-9) * recording.period)))
+    step = max(1, math.floor(1.0 / (100.0 * band * recording.period)))
     position = recording.position[::step] - recording.position.mean(axis=0)
     count = len(position)
     moved = 2.0 * float(np.sum(np.mean(position**2, axis=0)))
@@ -445,7 +437,7 @@ class CondensedLogs:
         tables = [table for piece in self._pieces for table in (*piece.matrices, *piece.smooths)]
         acts = np.any([table.any(axis=0) for table in tables], axis=0)
         self._live = tuple(np.flatnonzero(row[:-1]) for row in acts)
-        self.repeats = measure_repetition(recordings) if len(recordings) == 1 else 0.0
+        self.repeats = measure_repetition(recordings[0], bands[SCORING]) if len(recordings) == 1 else 0.0
         log: list[int] = []
         fold: list[int] = []
         self._blocks: list[NDArray[np.intp]] = []

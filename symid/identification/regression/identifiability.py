@@ -353,11 +353,11 @@ def list_resting_joints(recording: Recording) -> tuple[int, ...]:
     neighbouring ticks rests.
     """
     position = recording.position
-    spread = np.ptp(position, axis=0)
-    noise = np.sqrt(np.mean(np.diff(position, n=2, axis=0) ** 2, axis=0) / 6.0)
+    low, high, curve = position.min(axis=0), position.max(axis=0), np.diff(position, n=2, axis=0)
+    noise = np.sqrt(np.einsum("ij,ij->j", curve, curve) / max(1, len(curve)) / 6.0)
     # Below this, a range is rounding of the position itself.
-    rounding = 16.0 * np.finfo(float).eps * np.max(np.abs(position), axis=0)
-    resting = spread <= np.maximum(20.0 * noise, rounding)
+    rounding = 16.0 * np.finfo(float).eps * np.maximum(-low, high)
+    resting = high - low <= np.maximum(20.0 * noise, rounding)
     return tuple(np.flatnonzero(resting).tolist())
 
 

@@ -256,11 +256,7 @@ def fit_in_memory(
 
 
 def mask_resting_rows(
-    card: ModelCard,
-    rows: regression.Rows,
-    speed: FloatArray,
-    scoring: float,
-    trembling: NDArray[np.bool_],
+    card: ModelCard, rows: regression.Rows, speed: FloatArray, scoring: float, trembling: NDArray[np.bool_]
 ) -> tuple[NDArray[np.bool_], tuple[Notice, ...]]:
     """Return the rows (m,) at which a joint with friction rests, by its smooth speed (m,), and notices.
 

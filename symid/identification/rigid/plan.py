@@ -101,11 +101,7 @@ def plan_fit(
         instruments = (False, True)
     study = choose_settings(library, recordings, processing, instruments=instruments, moving=rests)
     if not processing.left_open:
-        return FitPlan(
-            processing=replace(processing, automatic=False),
-            estimator=wanted,
-            study=study,
-        )
+        return FitPlan(processing=replace(processing, automatic=False), estimator=wanted, study=study)
     taken, decimation = study.choice.chosen, processing.decimation
     if "decimation.factor" in processing.left_open:
         decimation = replace(decimation, factor=max(1, math.floor(PASSED * rate / taken.band + 1e-6)))

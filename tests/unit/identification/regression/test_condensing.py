@@ -249,7 +249,8 @@ FIVE = [(0.6, 0.2), (0.3, 0.6), (0.1, 1.4)]
     ],
 )
 def test_the_period_of_a_motion_that_repeats(joints, noise, expected):
-    assert measure_repetition([make_log(*joints, noise=noise)]) == pytest.approx(expected, abs=0.05)
+    log = make_log(*joints, noise=noise)
+    assert measure_repetition(log, measure_scoring_band([log])) == pytest.approx(expected, abs=0.05)
 
 
 def test_rest_is_slow_for_some_time():
