@@ -22,7 +22,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray
+from symid.arrays import FloatArray, freeze
 from symid.errors import LogError, Notice
 from symid.logs.recording import Recording, Signals
 from symid.robot import Decimation, Processing
@@ -445,12 +445,16 @@ def prepare_signals(recording: Recording, processing: Processing) -> Signals:
         ddq = _smooth(recording, "acceleration", processing)
     dq = np.where(np.abs(dq) < _RESTING * np.abs(dq).max(axis=0), 0.0, dq)
     kept = slice(processing.drop_first, len(recording.time) - processing.drop_last)
+    # One after the other, so that no two copies of all are in memory.
+    q = freeze(q[kept])
+    dq = freeze(dq[kept])
+    ddq = freeze(ddq[kept])
     load, temperature, bad = recording.load, recording.temperature, recording.bad
     return Signals(
         time=recording.time[kept],
-        q=q[kept],
-        dq=dq[kept],
-        ddq=ddq[kept],
+        q=q,
+        dq=dq,
+        ddq=ddq,
         tau=tau[kept],
         period=period,
         load=None if load is None else _smooth(recording, "load", processing)[kept],

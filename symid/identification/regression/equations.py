@@ -487,7 +487,9 @@ def stack_rows(parts: Sequence[Rows], weights: Sequence[float] | None = None) ->
     `weights` are what the squares of each recording's residuals count for; one if None.
     """
     sizes = [len(part.values) for part in parts]
-    arrays: dict[str, Any] = {k: np.concatenate([getattr(part, k) for part in parts]) for k in _ARRAYS}
+    arrays: dict[str, Any] = {}
+    if len(parts) > 1:
+        arrays = {k: np.concatenate([getattr(part, k) for part in parts]) for k in _ARRAYS}
     whole = replace(
         parts[0],
         **arrays,
@@ -496,7 +498,9 @@ def stack_rows(parts: Sequence[Rows], weights: Sequence[float] | None = None) ->
     )
     run = np.repeat(np.arange(len(parts)), sizes)
     weight = np.repeat(np.ones(len(parts)) if weights is None else np.asarray(weights, dtype=float), sizes)
-    return select_rows(replace(whole, run=run, weight=weight), np.argsort(whole.group, kind="stable"))
+    whole = replace(whole, run=run, weight=weight)
+    # Those of one recording are in order.
+    return whole if len(parts) == 1 else select_rows(whole, np.argsort(whole.group, kind="stable"))
 
 
 def drop_groups(rows: Rows, groups: Sequence[int]) -> Rows:
