@@ -210,12 +210,13 @@ def find_causes(
         own = sorted(
             {*(first.joints or moving.tolist()), *(other.joints or moving.tolist())} & {*moving.tolist()}
         )
-        surely = chances[place] < POLICY.alarm or place in passed
-        rival = surely and left(place, own) < POLICY.fall * left(best, own)
+        # Few stretches may not tell a rival from chance, which does not exclude it.
+        told = chances[place] < POLICY.alarm or place in passed or trial.fall_of_all >= POLICY.fall_of_all
+        rival = told and left(place, own) < POLICY.fall * left(best, own)
         if other.family == first.family or not rival or (other.code == TERM and first.code != TERM):
             continue
         better = other.family not in alike or left(place, own) < left(alike[other.family], own)
-        if better and mask_left(place).sum() <= mask_left(best).sum():
+        if better and mask_left(place)[own].sum() <= mask_left(best)[own].sum():
             alike[other.family] = place
     causes = []
     for place in sorted(alike.values(), key=lambda place: left(place, moving.tolist())):
