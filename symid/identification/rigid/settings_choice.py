@@ -203,6 +203,8 @@ def _choose_trial(
             grams[moving],
             logs.torque[moving],
         )
+        # None where no joint has a torque that counts.
+        chances = judge.adjust_chances([entry.p for entry in told])
         found.append(
             Candidate(
                 states=states,
@@ -211,7 +213,7 @@ def _choose_trial(
                 held_out=100.0 * _measure_share(trial.losses),
                 fall=compared.fall_of_all,
                 p=compared.p_of_all,
-                consistent=1.0 if trial is first else min(judge.adjust_chances([entry.p for entry in told])),
+                consistent=1.0 if trial is first else min(chances, default=1.0),
             )
         )
     # The best of all is as good as itself. Wide rows have most information, and mix slow ones in least.

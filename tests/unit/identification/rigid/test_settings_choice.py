@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from symid.errors import UsageError
+from symid.errors import IdentifiabilityError, UsageError
 from symid.identification.regression import mask_fast, prepare_rows
 from symid.identification.rigid import settings_choice
 from symid.identification.rigid.fit import identify_parameters
@@ -176,3 +176,9 @@ def test_rows_beside_slow_ones_are_left_out_unless_they_are_most(margin):
             # As far as half of them allow.
             assert away[kept[own]].min() > 0.1
     assert all("or beside such rows" in notice.text for notice in notices)
+
+
+def test_a_log_all_of_whose_rows_are_bad_leaves_nothing_to_fit():
+    log = record(0)
+    with pytest.raises(IdentifiabilityError, match="no equation is left"):
+        identify_parameters(LIBRARY, [replace(log, bad=np.ones(log.position.shape, dtype=bool))], AUTOMATIC)
