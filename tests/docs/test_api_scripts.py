@@ -14,10 +14,7 @@ from tests.transcripts import compare, list_scripts, run_scripts
 PROJECT = Path(__file__).resolve().parents[2]
 FOLDER = PROJECT / "docs" / "api"
 SHORT = sorted(FOLDER.glob("[0-9]*.py"))
-PAGES = {
-    "scripts.md": SHORT,
-    "optimal_control.md": [FOLDER / "optimal_control.py", FOLDER / "springs.py"],
-}
+PAGES = {"scripts.md": SHORT, "optimal_control.md": [FOLDER / "optimal_control.py", FOLDER / "springs.py"]}
 """The scripts of every page, in its order."""
 STEPS = [(script, page, number) for page, scripts in PAGES.items() for number, script in enumerate(scripts)]
 MOST_LINES = 10

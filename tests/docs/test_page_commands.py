@@ -59,10 +59,7 @@ SCENES = {
     "c_library.md": Scene(words=SMALL),
     "command_line.md": Scene(files=PULSES, more={"symid simulate two_link_elastic": "--duration 2"}),
     "compare.md": Scene(words=PLACES),
-    "course.md": Scene(
-        words={"panda": "scara"},
-        codes={f"{SHEET}two_links.exercises.txt": 1},
-    ),
+    "course.md": Scene(words={"panda": "scara"}, codes={f"{SHEET}two_links.exercises.txt": 1}),
     "diagnosis.md": Scene(files=PULSES | PENDULUM, words=PLACES),
     "embedded.md": Scene(words=SMALL),
     "export.md": Scene(words=SMALL),

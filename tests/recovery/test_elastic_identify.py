@@ -32,11 +32,7 @@ from symid.identification.stored import read_fit, write_fit
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from symid.logs.recording import cut_recording
 from symid.robot.toml_reader import read_robot
-from symid.simulation.experiment import (
-    build_noisy_options,
-    observe,
-    simulate_elastic,
-)
+from symid.simulation.experiment import build_noisy_options, observe, simulate_elastic
 from tests.recovery.elastic_runs import find_error, find_truth, identify_elastic, run_arm
 from tests.refusals import raises, tell
 

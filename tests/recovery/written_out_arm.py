@@ -66,10 +66,7 @@ def simulate(duration, seed, steps=8):
     step = period / steps
     for tick in range(round(duration / period)):
         time, (theta, q1, q2, dtheta, _, dq2, _) = tick * period, state.tolist()
-        torques = (
-            900.0 * (wave(time, 0) - theta) - 25.0 * dtheta,
-            300.0 * (wave(time, 1) - q2) - 8.0 * dq2,
-        )
+        torques = (900.0 * (wave(time, 0) - theta) - 25.0 * dtheta, 300.0 * (wave(time, 1) - q2) - 8.0 * dq2)
         rows.append((time, theta, q2, q1, q2, *torques))
         for _ in range(steps):
             k1 = differentiate(state, torques)

@@ -8,11 +8,7 @@ import sympy
 from hypothesis import given, strategies as st
 
 from symid.errors import UsageError
-from symid.joint_models.carriers import (
-    build_float_carrier,
-    build_numpy_carrier,
-    build_symbol_carrier,
-)
+from symid.joint_models.carriers import build_float_carrier, build_numpy_carrier, build_symbol_carrier
 from symid.joint_models.dynamic_friction import (
     DYNAMIC_LAWS,
     FrictionPath,

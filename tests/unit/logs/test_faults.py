@@ -17,13 +17,7 @@ from symid.codegen.cache import prepare_library
 from symid.errors import LogError
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.validation import validate_estimate
-from symid.logs.faults import (
-    LEVELS,
-    FaultKind,
-    measure_roughness,
-    repair_recording,
-    unwrap,
-)
+from symid.logs.faults import LEVELS, FaultKind, measure_roughness, repair_recording, unwrap
 from symid.logs.reader import read_recording
 from symid.logs.recording import Recording, cut_recording, spread_bad
 from symid.logs.signals import decimate, mask_decimated

@@ -10,12 +10,7 @@ import pytest
 from symid.codegen.functions import ParameterCard
 from symid.errors import Notice
 from symid.identification.elastic.estimate import ElasticEvidence, HistoryEntry, MethodTrial
-from symid.identification.elastic.validation import (
-    ElasticTrial,
-    JointTrial,
-    TrackingRun,
-    evaluate_elastic,
-)
+from symid.identification.elastic.validation import ElasticTrial, JointTrial, TrackingRun, evaluate_elastic
 from symid.identification.estimators.estimate import ParameterEstimate, Residual
 from symid.ipopt import Ending
 from symid.joint_models.hysteresis import Elasticity, Knee, Stop

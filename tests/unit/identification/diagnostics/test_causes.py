@@ -90,11 +90,7 @@ MISTAKES = {
     "degrees": (change("position", ALL, np.degrees), UNIT, "positions are in degrees"),
     "radians": (change("position", ALL, np.radians), UNIT, "positions are in radians"),
     "degrees 3": (change("position", 2, np.degrees), UNIT, "joint 'joint3' are in degrees"),
-    "millinewton": (
-        change("torque", 2, lambda x: 1e3 * x),
-        UNIT,
-        "torque of joint 'joint3' is 1000 times",
-    ),
+    "millinewton": (change("torque", 2, lambda x: 1e3 * x), UNIT, "torque of joint 'joint3' is 1000 times"),
     "late": (delay, "log.torque-delay", " ms after"),
     "early": (advance, "log.torque-delay", " ms before"),
     "quarter turn": (
@@ -158,10 +154,7 @@ def test_no_hypothesis_explains_a_clean_log(seed):
     assert find_causes(LIBRARY, logs.motion, logs.fold, every) == ()
 
 
-TERMS = {
-    "velocity": lambda dq: 0.4 * np.abs(dq) + 0.15 * (dq > 0.0),
-    "position": None,
-}
+TERMS = {"velocity": lambda dq: 0.4 * np.abs(dq) + 0.15 * (dq > 0.0), "position": None}
 
 
 @pytest.mark.parametrize("term", TERMS)

@@ -146,12 +146,7 @@ def test_ends_at_rest_are_not_named():
 
 def make(*verdicts, condition=10.0):
     parameters = tuple(
-        ParameterVerdict(
-            name=f"P{index}",
-            verdict=verdict,
-            relative_std_percent=5.0,
-            reason="none",
-        )
+        ParameterVerdict(name=f"P{index}", verdict=verdict, relative_std_percent=5.0, reason="none")
         for index, verdict in enumerate(verdicts)
     )
     return LogExcitation(parameters=parameters, singular=(1.0, 0.1), rank=2, condition=condition)

@@ -14,10 +14,7 @@ from symid.identification.estimators.least_squares import fit_condensed
 from symid.identification.estimators.linear_estimators import fit_rows
 from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.identifiability import RankRule, analyse_identifiability
-from symid.identification.regression.preparation import (
-    RowBuilder,
-    condense_recordings,
-)
+from symid.identification.regression.preparation import RowBuilder, condense_recordings
 from symid.identification.rigid.fit import fit_long, identify_parameters, is_long
 from symid.robot.description import Decimation, Processing
 from tests.recovery.closed_form import TWO_LINK_TRUTH, build_recording, build_two_link
