@@ -111,16 +111,17 @@ def list_causes(  # noqa: PLR0917 - what was fitted, and what it is judged by
     gravity: diagnostics.GravityEstimate | None,
     transmission: FloatArray | None,
 ) -> tuple[estimators.Cause, ...]:
-    """Return what explains the logs better: all is tried where something is odd, gravity always."""
+    """Return what explains the logs better: all is tried where something is odd, or gravity differs."""
     odd = bool(evidence.impossible) or evidence.unexplained > POLICY.good
     odd |= any(entry.held_out > POLICY.usable for entry in evidence.joints)
     odd |= any(entry.verdict == Agreement.DIFFERENT.value for entry in evidence.tests)
-    # Another direction that predicts no better may stand for a zero that is off.
-    odd |= gravity is not None and gravity.difference.verdict is Agreement.DIFFERENT
-    turned = [] if gravity is None else [diagnostics.suspect_gravity(gravity, motion)]
-    fold, impossible = study.logs.fold, bool(evidence.impossible)
-    if not odd and not diagnostics.find_causes(library, motion, fold, turned):
+    # Another direction that predicts no better may stand for a zero that is off; one that is not sure, or too
+    # small to matter, for anything that a joint with little torque lacks.
+    differs = gravity is not None and gravity.difference.verdict is Agreement.DIFFERENT
+    if not odd and not differs:
         return ()
+    turned = [diagnostics.suspect_gravity(gravity, motion)] if gravity is not None and differs else []
+    fold, impossible = study.logs.fold, bool(evidence.impossible)
     mistakes = diagnostics.list_mistakes(library, motion, fold, transmission)
     terms = diagnostics.list_terms(library, motion, study.fit.values)
     every = [*turned, *mistakes, *terms]
