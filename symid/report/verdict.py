@@ -53,11 +53,10 @@ QUANTITIES = {
 }
 """What is measured and predicted, by the rows of a fit."""
 _FITTED = "A log given for validation is one of the fit; it does not count as a test."
-_LOST_CAUSE = (
-    "Columns of the log are exchanged, or have another sign, unit or time than the robot file says, or the "
-    "log is of another robot."
+_LOST_REMEDY = (
+    "Run `symid check` on the robot file and the log, and plot measured and predicted torques: is it the log "
+    "of this robot, and are order, signs and units of its columns right?"
 )
-_LOST_REMEDY = "Run `symid check` on the robot file and the log, and plot measured and predicted torques."
 
 AnyEstimate = Estimate | ElasticEstimate | FrictionIdentification
 """What is judged."""
@@ -72,7 +71,7 @@ class FitVerdict:
     Attributes:
         level: "good", "usable", "doubtful" or "wrong".
         headline: one sentence.
-        cause: the likeliest single cause in a sentence; empty where there is nothing to explain.
+        cause: the likeliest single cause in a sentence; empty where none is known.
         remedy: what to do about it.
         details: further sentences.
     """
@@ -112,8 +111,8 @@ def _limit(level: str, headline: str, details: Sequence[str], caps: Caps) -> Fit
         headline = f"{reasons[0][:1].upper()}{reasons[0][1:]}."
     elif caps:
         headline = f"{headline} But {'; '.join(reason for _, reason in caps)}."
-    cause, remedy = (_LOST_CAUSE, _LOST_REMEDY) if level == "wrong" else ("", "")
-    return FitVerdict(level=level, headline=headline, details=tuple(details), cause=cause, remedy=remedy)
+    remedy = _LOST_REMEDY if level == "wrong" else ""
+    return FitVerdict(level=level, headline=headline, details=tuple(details), remedy=remedy)
 
 
 def _rate(percent: float) -> str:
@@ -304,8 +303,10 @@ def judge_identification(estimate: Estimate, validations: Sequence[Validation]) 
     details += words
     verdict = _limit(level, headline, details, caps)
     causes = () if evidence is None else evidence.causes
+    if evidence is not None and not causes and verdict.level == "wrong":
+        return replace(verdict, headline=f"{verdict.headline} No single mistake that is tried explains it.")
     if len(causes) != 1:
-        return verdict if not causes else replace(verdict, cause="", remedy="")
+        return verdict if not causes else replace(verdict, remedy="")
     cause, remedy = causes[0].cause, causes[0].remedy
     return replace(
         verdict, cause=f"{cause[:1].upper()}{cause[1:]}.", remedy=f"{remedy[:1].upper()}{remedy[1:]}."

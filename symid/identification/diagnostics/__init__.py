@@ -9,10 +9,10 @@ if TYPE_CHECKING:
         evaluate_motion as evaluate_motion,
         find_causes as find_causes,
         fit_motion as fit_motion,
+        is_confirmed as is_confirmed,
         list_mistakes as list_mistakes,
         list_terms as list_terms,
         measure_shares as measure_shares,
-        predicts_better as predicts_better,
         shift_torques as shift_torques,
         suspect_gravity as suspect_gravity,
     )

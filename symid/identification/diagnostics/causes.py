@@ -11,6 +11,7 @@ undone, or with the columns of the term at one joint. It is accepted where
 
 Of those accepted the one that leaves least is named alone if every hypothesis of another family leaves at
 least 2 times as much of these joints; else all that leave less are named together, and no remedy is given.
+None is named if with that one a joint is surely predicted worse, or more than 30 % of all torque is left.
 Where a fit has values that no robot has, a wrong sign that cures them and predicts as well is accepted, too.
 
 Torque columns that change linearly (signs, order, units) are algebra on sums of products; zeros, signs and
@@ -49,6 +50,7 @@ _DECADES = 3
 _STEPS = 8
 """Zeros in a turn and times in two decades from which the best one is searched; octaves of delays."""
 NO_FRICTION, GRAVITY, TERM = "robot.no-friction", "robot.gravity", "identify.structure"
+TORQUE_SIGN, POSITION_SIGN = "log.torque-sign", "log.position-sign"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,6 +61,7 @@ class Hypothesis:
         code, cause, remedy: as in `Cause`; family: of hypotheses that are one mistake in several sizes.
         joints: numbers of those whose torque it touches, none for all.
         motion: the logs as they would be; columns: (t, n, p) of the model along them, None to evaluate them.
+        sizes: (n,) squares of torque that losses are relative to, None for those of `motion`.
     """
 
     code: str
@@ -68,6 +71,7 @@ class Hypothesis:
     motion: ThinMotion
     joints: tuple[int, ...] = ()
     columns: FloatArray | None = None
+    sizes: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -79,12 +83,14 @@ class TriedFit:
     squares: FloatArray
 
 
-def fit_motion(columns: FloatArray, motion: ThinMotion, fold: NDArray[np.intp]) -> TriedFit:
-    """Return the fit of `columns` (t, n, p) to a motion; `fold` (b,) is the number of each block's fold."""
+def fit_motion(
+    columns: FloatArray, motion: ThinMotion, fold: NDArray[np.intp], sizes: FloatArray | None = None
+) -> TriedFit:
+    """Return the fit of `columns` (t, n, p); `fold` (b,) is each block's, `sizes` are as in `Hypothesis`."""
     sums = regression.sum_motion(columns, motion, len(fold))
     fit = regression.fit_sums(sums, [0] * columns.shape[1], fold)
-    sizes = np.array([table[:, 0, -1, -1].sum() for table in sums.squares])
-    safe = np.where(sizes > 0.0, sizes, np.inf)
+    own = np.array([table[:, 0, -1, -1].sum() for table in sums.squares])
+    safe = np.where(own > 0.0, own if sizes is None else sizes, np.inf)
     whole = np.broadcast_to(fit.values, (len(fold), len(fit.values)))
     return TriedFit(
         fit=fit,
@@ -101,13 +107,14 @@ def evaluate_motion(library: Library, motion: ThinMotion) -> FloatArray:
     )
 
 
-def predicts_better(
+def is_confirmed(
     library: Library, motion: ThinMotion, fold: NDArray[np.intp], hypothesis: Hypothesis
 ) -> bool:
-    """Return whether held-out torque is surely predicted better with a mistake undone, by however little."""
+    """Return whether held-out torque, too, speaks for a mistake that is sure otherwise, by however little."""
     base = fit_motion(evaluate_motion(library, motion), motion, fold)
-    found = fit_motion(evaluate_motion(library, hypothesis.motion), hypothesis.motion, fold)
-    return judge.compare(base.losses, found.losses).p_of_all < POLICY.alarm
+    columns = evaluate_motion(library, hypothesis.motion)
+    found = fit_motion(columns, hypothesis.motion, fold, hypothesis.sizes)
+    return judge.compare(base.losses, found.losses).p_of_all < POLICY.caution
 
 
 class TriedHypothesis(NamedTuple):
@@ -135,28 +142,27 @@ def find_causes(
     names = [joint.name for joint in library.card.joints]
     columns = evaluate_motion(library, motion)
     base = fit_motion(columns, motion, fold)
-    moving = np.flatnonzero(base.squares > 0.0)
+    moving = np.flatnonzero(base.squares > 0.0).tolist()
     trials = []
     for hypothesis in hypotheses:
         along = hypothesis.columns
         if along is None:
             still = hypothesis.motion.q is motion.q and hypothesis.motion.dq is motion.dq
             along = columns if still else evaluate_motion(library, hypothesis.motion)
-        found = fit_motion(along, hypothesis.motion, fold)
-        own = [joint for joint in (hypothesis.joints or moving.tolist()) if joint in moving]
+        found = fit_motion(along, hypothesis.motion, fold, hypothesis.sizes)
+        own = [joint for joint in (hypothesis.joints or moving) if joint in moving]
         if own:
-            pooled = _compare(base, found, moving.tolist())
+            pooled = _compare(base, found, moving)
             # What a mistake at one joint spoils may be left at others: both are tried, which counts twice.
             touched = min(pooled, _compare(base, found, own)) if hypothesis.joints else pooled
             p = min(1.0, touched[0] * (2.0 if hypothesis.joints else 1.0))
             trials.append(TriedHypothesis(hypothesis, found, p, touched[1], pooled[1]))
     chances = judge.adjust_chances([trial.p for trial in trials])
+    trials = [trial._replace(p=p) for trial, p in zip(trials, chances, strict=True)]
     passed = [
         place
         for place, trial in enumerate(trials)
-        if chances[place] < POLICY.alarm
-        and trial.fall >= POLICY.fall
-        and trial.fall_of_all >= POLICY.fall_of_all
+        if trial.p < POLICY.alarm and trial.fall >= POLICY.fall and trial.fall_of_all >= POLICY.fall_of_all
     ]
     if not passed and not impossible:
         return ()
@@ -173,22 +179,16 @@ def find_causes(
     def mask_joints(hypothesis: Hypothesis) -> NDArray[np.bool_]:
         return np.isin(np.arange(len(names)), hypothesis.joints or moving)
 
-    def predicts_as_well(trial: TriedHypothesis) -> bool:
-        worse = judge.compare(trial.found.losses, base.losses)
-        return worse.fall_of_all < (1.0 + POLICY.relevance) ** 2 or worse.p_of_all > POLICY.caution
-
     cured = [
         place
         for place, trial in enumerate(trials)
-        # A term has values of its own, which may make anything possible; so has noise.
+        # By algebra a sign of torques leaves as much; of others a cure is chance.
         if place not in passed
-        and trial.hypothesis.code != TERM
-        and measure_percent(trial.found.losses, moving.tolist()) <= POLICY.lost
+        and trial.hypothesis.code in {TORQUE_SIGN, POSITION_SIGN}
         and np.any(bad & mask_joints(trial.hypothesis))
-        and predicts_as_well(trial)
+        and holds(base, trial.found, moving)
         and is_sound(place)
     ]
-    # What turns inertia negative may leave as much: signs of torques do by algebra.
     passed = [*(place for place in passed if is_sound(place)), *cured] or passed
     if not passed:
         return ()
@@ -196,22 +196,22 @@ def find_causes(
     def left(place: int, joints: Sequence[int]) -> float:
         return float(trials[place].found.losses[:, list(joints)].sum())
 
-    best = min(passed, key=lambda place: left(place, moving.tolist()))
+    best = min(passed, key=lambda place: left(place, moving))
     # A term has values of its own: it explains less than a mistake that leaves as much.
     mistakes = [place for place in passed if trials[place].hypothesis.code != TERM]
     if mistakes:
-        plain = min(mistakes, key=lambda place: left(place, moving.tolist()))
-        if left(plain, moving.tolist()) < POLICY.fall * left(best, moving.tolist()):
+        plain = min(mistakes, key=lambda place: left(place, moving))
+        if left(plain, moving) < POLICY.fall * left(best, moving):
             best = plain
+    if not holds(base, trials[best].found, moving):
+        return ()
     first = trials[best].hypothesis
     alike: dict[str, int] = {first.family: best}
     for place, trial in enumerate(trials):
         other = trial.hypothesis
-        own = sorted(
-            {*(first.joints or moving.tolist()), *(other.joints or moving.tolist())} & {*moving.tolist()}
-        )
+        own = sorted({*(first.joints or moving), *(other.joints or moving)} & {*moving})
         # Few stretches may not tell a rival from chance, which does not exclude it.
-        told = chances[place] < POLICY.alarm or place in passed or trial.fall_of_all >= POLICY.fall_of_all
+        told = trial.p < POLICY.alarm or place in passed or trial.fall_of_all >= POLICY.fall_of_all
         rival = told and left(place, own) < POLICY.fall * left(best, own)
         if other.family == first.family or not rival or (other.code == TERM and first.code != TERM):
             continue
@@ -219,19 +219,27 @@ def find_causes(
         if better and mask_left(place)[own].sum() <= mask_left(best)[own].sum():
             alike[other.family] = place
     causes = []
-    for place in sorted(alike.values(), key=lambda place: left(place, moving.tolist())):
+    for place in sorted(alike.values(), key=lambda place: left(place, moving)):
         entry = trials[place].hypothesis
-        own = list(entry.joints or moving.tolist())
+        own = list(entry.joints or moving)
         before, after = (measure_percent(part.losses, own) for part in (base, trials[place].found))
         said = {name: getattr(entry, name) for name in ("code", "family", "cause", "remedy")}
         joints = tuple(names[joint] for joint in entry.joints)
-        causes.append(Cause(**said, joints=joints, before=before, after=after, p=chances[place]))
+        causes.append(Cause(**said, joints=joints, before=before, after=after, p=trials[place].p))
     return tuple(causes)
 
 
+def holds(base: TriedFit, found: TriedFit, joints: list[int]) -> bool:
+    """Return whether a hypothesis surely predicts no joint worse, and its prediction of joints is usable."""
+    worse = judge.compare(found.losses, base.losses)
+    sure = np.array(judge.adjust_chances(worse.p.tolist())) < POLICY.alarm
+    spoilt = sure & (worse.fall > (1.0 + POLICY.relevance) ** 2)
+    return not spoilt.any() and measure_percent(found.losses, joints) <= POLICY.usable
+
+
 def measure_percent(losses: FloatArray, joints: list[int]) -> float:
-    """Return what losses (b, n) leave of the torque, in percent, on the mean of joints."""
-    return 100.0 * float(np.mean(np.sqrt(losses[:, joints].sum(axis=0))))
+    """Return what losses (b, n) leave of the torque, in percent, 100 at most, on the mean of joints."""
+    return 100.0 * float(np.mean(np.sqrt(np.minimum(losses[:, joints].sum(axis=0), 1.0))))
 
 
 def _compare(base: TriedFit, found: TriedFit, joints: list[int]) -> tuple[float, float]:
@@ -349,22 +357,20 @@ def list_mistakes(
         remedy = "state friction of each joint (--friction coulomb-viscous-offset, or [joint.friction])"
         wider = np.concatenate([evaluate_motion(library, motion), added], axis=2)
         yield Hypothesis(NO_FRICTION, "friction", cause, remedy, motion, (), wider)
-    cause = "all torques have the wrong sign"
-    remedy = "state a factor of -1 in [log.torque]"
-    yield Hypothesis("log.torque-sign", "sign of all torques", cause, remedy, _scale_torque(motion, -1.0))
-    cause = "all positions have the wrong sign"
-    remedy = "state a factor of -1 in [log.position]"
+    cause, remedy = "all torques have the wrong sign", "state a factor of -1 in [log.torque]"
+    yield Hypothesis(TORQUE_SIGN, "sign of all torques", cause, remedy, _scale_torque(motion, -1.0))
+    cause, remedy = "all positions have the wrong sign", "state a factor of -1 in [log.position]"
     family, undone = "sign of all positions", _scale_position(motion, -1.0)
-    yield Hypothesis("log.position-sign", family, cause, remedy, undone)
+    yield Hypothesis(POSITION_SIGN, family, cause, remedy, undone)
     for joint, (unit, name) in enumerate(zip(units, names, strict=True)):
         cause = f"the torque of joint {name!r} has the wrong sign"
         remedy = "state its factor -1 in [log.torque], or turn its gear"
         family, undone = f"sign of torque {name}", _scale_torque(motion, 1.0 - 2.0 * unit)
-        yield Hypothesis("log.torque-sign", family, cause, remedy, undone, (joint,))
+        yield Hypothesis(TORQUE_SIGN, family, cause, remedy, undone, (joint,))
         cause = f"the position of joint {name!r} has the wrong sign"
         remedy = "state its factor -1 in [log.position]"
         family, undone = f"sign of position {name}", _scale_position(motion, 1.0 - 2.0 * unit)
-        yield Hypothesis("log.position-sign", family, cause, remedy, undone, (joint,))
+        yield Hypothesis(POSITION_SIGN, family, cause, remedy, undone, (joint,))
     matrix = np.zeros((0, count)) if transmission is None else transmission
     for motor in range(len(matrix)):
         turn = np.linalg.solve(matrix, (1.0 - 2.0 * units[motor])[:, None] * matrix)
@@ -375,7 +381,7 @@ def list_mistakes(
             cause = f"the torque of motor {motor + 1}, which moves {moved}, has the wrong sign"
             remedy = "state its factor -1 in [log.torque]"
             family, undone = f"sign of motor {motor + 1}", replace(motion, tau=motion.tau @ turn)
-            yield Hypothesis("log.torque-sign", family, cause, remedy, undone, tuple(driven))
+            yield Hypothesis(TORQUE_SIGN, family, cause, remedy, undone, tuple(driven))
     for first, second in combinations(range(count), 2):
         order = list(range(count))
         order[first], order[second] = second, first
@@ -406,13 +412,11 @@ def _list_sizes(
     """Yield what the logs would be with other units, times, delays and zeros."""
     count, units = len(names), np.eye(len(names))
     for factor, what in ((np.pi / 180.0, "degrees"), (180.0 / np.pi, "radians")):
-        cause = f"positions are in {what}"
-        remedy = f'state unit = "{what[:3]}" in [log.position]'
+        cause, remedy = f"positions are in {what}", f'state unit = "{what[:3]}" in [log.position]'
         family, undone = "unit of positions", _scale_position(motion, factor)
         yield Hypothesis("log.wrong-unit", family, cause, remedy, undone)
         for joint, (unit, name) in enumerate(zip(units, names, strict=True)):
-            cause = f"positions of joint {name!r} are in {what}"
-            remedy = "state its factor in [log.position]"
+            cause, remedy = f"positions of joint {name!r} are in {what}", "state its factor in [log.position]"
             family, undone = f"unit of position {name}", _scale_position(motion, np.where(unit, factor, 1.0))
             yield Hypothesis("log.wrong-unit", family, cause, remedy, undone, (joint,))
     decades = [10.0**power for power in range(-_DECADES, _DECADES + 1) if abs(power) > 1]
@@ -480,8 +484,8 @@ def _search(
     found = np.array([measure(size) for size in grid.tolist()])
     place = int(found.argmin())
     low, high = grid[max(place - 1, 0)], grid[min(place + 1, len(grid) - 1)]
-    # To a part that no torque tells.
-    close = {"xatol": POLICY.relevance * float(high - low)}
+    # An exact log tells sizes apart that a noisy one does not.
+    close = {"xatol": judge.numerics.CONVERGED * float(high - low)}
     best = scipy.optimize.minimize_scalar(measure, bounds=(low, high), method="bounded", options=close)
     return float(best.x) if best.fun < found[place] else float(grid[place])
 
@@ -520,4 +524,6 @@ def suspect_gravity(found: GravityEstimate, motion: ThinMotion) -> Hypothesis:
     turn, deviation = np.degrees(found.turn), np.degrees(found.deviation)
     cause = f"gravity differs from the robot file's by {turn:.3g} degrees +- {deviation:.2g}"
     remedy = f"state gravity = [{vector}] in the robot file, if the robot is mounted so"
-    return Hypothesis(GRAVITY, "gravity", cause, remedy, replace(motion, tau=found.tau))
+    # The torque of a weight that the log does not have would be explained for nothing.
+    sizes = np.sum(np.where(motion.kept, motion.tau, 0.0) ** 2, axis=0)
+    return Hypothesis(GRAVITY, "gravity", cause, remedy, replace(motion, tau=found.tau), sizes=sizes)

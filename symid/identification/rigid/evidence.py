@@ -64,7 +64,7 @@ def collect_evidence(
         gravity = diagnostics.estimate_gravity(library, motion, robot, logs.fold)
         differs = gravity.difference.verdict is Agreement.DIFFERENT
         turned = diagnostics.suspect_gravity(gravity, motion)
-        better = differs and diagnostics.predicts_better(library, motion, logs.fold, turned)
+        better = differs and diagnostics.is_confirmed(library, motion, logs.fold, turned)
         tests += (build_gravity_test(gravity, better=better),)
     impossible = list_impossible(library, study, motion, fit, whole=whole)
     fastest = (np.abs(part).max(axis=0) for part in (motion.dq, motion.ddq))

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
+from symid.identification import judge
 from symid.identification.diagnostics.causes import (
+    TERM,
     evaluate_motion,
     find_causes,
     fit_motion,
@@ -241,3 +243,21 @@ def test_a_robot_that_is_mounted_otherwise_than_its_file_says(library):
     assert gravity.size == pytest.approx(100.0 * np.sqrt(2.0), rel=0.05)
     upright = diagnose(library, record_arm(1))
     assert {entry.verdict for entry in upright.tests if entry.what == "gravity"} <= {"same", "cannot be said"}
+
+
+def test_no_mistake_is_blamed_for_a_joint_of_noise(library, logs):
+    """Many explain such a joint better, and ruin the others."""
+    rng = np.random.default_rng(5)
+    found = diagnose(library, change("torque", 1, lambda x: np.std(x) * rng.normal(size=len(x)))(logs[0]))
+    assert max(found.joints, key=lambda entry: entry.held_out).joint == "joint2"
+    assert {entry.code for entry in found.causes} <= {TERM}
+
+
+def test_a_rival_is_not_excluded_by_a_short_log(library, logs, monkeypatch):
+    late = thin(library, delay(logs[0]))
+    every = list_mistakes(library, late.motion, late.fold)
+    undone = next(entry for entry in every if "ms after" in entry.cause)
+    rival = replace(undone, family="another")
+    for first, named in ((0.0, 2), (0.5, 0)):
+        monkeypatch.setattr(judge, "adjust_chances", lambda p, first=first: [first, *[0.5] * (len(p) - 1)])
+        assert len(find_causes(library, late.motion, late.fold, [undone, rival])) == named

@@ -6,13 +6,21 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.identification.diagnostics.causes import evaluate_motion, fit_motion
+from symid.identification.diagnostics.causes import (
+    estimate_gravity,
+    evaluate_motion,
+    find_causes,
+    fit_motion,
+    list_mistakes,
+    suspect_gravity,
+)
 from symid.identification.diagnostics.gravity import find_gravity
 from symid.robot.geometry import ZERO
 from tests.chains import build_chain
 from tests.recovery.closed_form import L, find_friction
 from tests.unit.identification.diagnostics.thin_logs import thin
 from tests.unit.identification.pinocchio_arm import ARM, draw_motion, record_arm
+from tests.unit.identification.rigid.two_link_logs import LIBRARY, record
 
 DOWN = np.array([0.0, 0.0, -1.0])
 
@@ -155,3 +163,14 @@ def test_what_a_log_does_not_show_is_not_turned():
     found = find_gravity(build_planar("0", "-9.81", "0"), **log)
     assert abs(found.turn - 0.5) < 3.0 * found.deviation
     assert found.left[0] == 0.0
+
+
+def test_a_weight_that_a_log_does_not_have_is_explained_for_nothing():
+    """Out of its plane a planar arm has little weight; the file's gravity would add much of it."""
+    logs = thin(LIBRARY, replace(record(1, torque=0.1), time=2.5 * record(1).time))
+    motion, fold = logs.motion, logs.fold
+    found = suspect_gravity(estimate_gravity(LIBRARY, motion, build_planar("0", "-9.81", "0"), fold), motion)
+    measured, added = (np.sum(part.tau**2 * motion.kept, axis=0) for part in (motion, found.motion))
+    assert np.all(added > 4.0 * measured)
+    causes = find_causes(LIBRARY, motion, fold, [found, *list_mistakes(LIBRARY, motion, fold)])
+    assert {entry.family for entry in causes} == {"times", "gravity"}
