@@ -14,8 +14,8 @@
     --resume         leave out what was stored before       --verify         errors of the plants, see there
     --output FOLDER  raw results, PART.jsonl (build/judge)  --shared FOLDER  with data/ and cases/
 
-But for the alarm rates only public calls of symid are used, so that every version can be measured; what
-differs between versions is read by `describe` alone. Each log is one task: its robot file and its logs are
+But for alarm rates and lengths only public calls of symid are used, so that versions can be compared; what
+differs between them is read by `describe` alone. Each log is one task: its robot file and its logs are
 written to a folder and identified by default settings, as a user's would be.
 """
 
@@ -34,6 +34,8 @@ from functools import cache
 from itertools import product
 from multiprocessing import get_context
 from pathlib import Path
+from typing import Any
+from unittest.mock import patch
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -63,7 +65,10 @@ from scipy.stats import binomtest, kstest
 from simulated_arms import ARMS, CASES, HERE, find_truth as find_arm_truth, simulate, write_arm_file
 
 import symid
+from symid.codegen import Library
 from symid.identification import judge, regression
+from symid.identification.rigid import fit as rigid_fit, settings_choice
+from symid.identification.rigid.settings_choice import SettingsStudy as Study
 
 LEVELS = ("wrong", "doubtful", "usable", "good")
 FINE = ("good", "usable")
@@ -841,8 +846,6 @@ def show_coverage(results: list[dict]) -> None:
 
 # Lengths and scoring bands.
 
-SCORING = "processing.scoring_band"
-"""Setting of the scoring band in Hz, where a version has one."""
 BASES: dict[str, Recipe | str] = {
     "planar 2R": Recipe(size=2, planar=True, rate=100.0),
     "spatial 4R": Recipe(size=4, rate=100.0),
@@ -855,40 +858,96 @@ BASES: dict[str, Recipe | str] = {
 
 
 def list_lengths(_: Given) -> list[str]:
-    """Return simulated arms and their seconds, real sets and their shares; other bands of one length each."""
+    """Return pairs of what is compared: a motion and a longer one, a scoring band and another one."""
     found = []
     for base, source in BASES.items():
-        lengths = ("10 s", "60 s", "3600 s") if isinstance(source, Recipe) else ("33 %", "67 %", "100 %")
-        found += [f"{base}, {length}" for length in lengths]
-        found += [f"{base}, {'60 s' if '60 s' in lengths else '100 %'}, band times {x}" for x in (0.5, 2)]
+        longest = "100 %"
+        if isinstance(source, Recipe):
+            longest = "60 s"
+            found += [f"{base}, {pair}" for pair in ("10 s, 60 s", "60 s, 3600 s")]
+        found += [f"{base}, {longest}, band times {factor}" for factor in (0.5, 2)]
     return found
 
 
-def run_lengths(name: str, given: Given, folder: Path) -> dict:
-    """Return what a motion of some length gives, or what another scoring band does."""
-    base, length, *factor = name.split(", ")
-    source, size = BASES[base], float(length.split()[0])
+def study_length(base: str, length: str, factor: float, given: Given, folder: Path) -> tuple[dict, Study]:
+    """Return what identification says of a motion of some length, and what it condensed and fitted.
+
+    The scoring band is multiplied by `factor`.
+    """
+    source, size = BASES[base], float(length.partition(" ")[0])
     if isinstance(source, Recipe):
         sample = simulate_recipe(replace(source, duration=size), np.random.default_rng([61, given.seed]))
     else:
         sample = take_stretch(given.shared / "data", source, 0, 0.0, size / 100.0)
+    folder.mkdir()
     robot, logs = sample.write(folder)
-    result, fit = identify(robot, logs)
-    if factor and fit is not None:
-        band = result["scoring"] * float(factor[0].split()[-1])
-        result, fit = identify(robot, logs, settings={SCORING: band})
+    measure, collect, studies = (
+        settings_choice.measure_scoring_band,
+        rigid_fit.collect_evidence,
+        list[Study](),
+    )
+
+    def keep(library: Library, study: Study, *given: Any, **more: Any) -> Any:
+        studies.append(study)
+        return collect(library, study, *given, **more)
+
+    with (
+        patch.object(settings_choice, "measure_scoring_band", lambda logs: factor * measure(logs)),
+        patch.object(rigid_fit, "collect_evidence", keep),
+    ):
+        result, fit = identify(robot, logs)
     if fit is not None and sample.chain is not None:
         result["truth"] = find_truth(symid.load(robot), sample.chain)
-    return result
+    return result, studies[-1]
+
+
+def run_lengths(name: str, given: Given, folder: Path) -> dict:
+    """Return what two identifications say of each other, in the torques of the longer log."""
+    base, length, other = name.split(", ")
+    factor = float(other.removeprefix("band times ")) if other.startswith("band") else 1.0
+    result, one = study_length(base, length, 1.0, given, folder / "one")
+    more, two = study_length(base, length if factor != 1.0 else other, factor, given, folder / "two")
+    logs = one.logs if factor != 1.0 else two.logs
+    if factor == 1.0:
+        changes = np.vstack([one.fit.changes, -two.fit.changes])
+    elif len(one.fit.changes) == len(two.fit.changes):
+        changes = one.fit.changes - two.fit.changes
+    else:
+        changes = judge.compute_changes(one.fit.folds - two.fit.folds)
+    moving = logs.torque > 0.0
+    told = judge.agree(
+        one.fit.values - two.fit.values, changes, logs.list_grams()[moving], logs.torque[moving]
+    )
+    chances = judge.adjust_chances([entry.p for entry in told])
+    sure = [replace(entry, p=p).verdict for entry, p in zip(told, chances, strict=True)]
+    differs, same = (judge.Agreement.DIFFERENT in sure), {*sure} == {judge.Agreement.SAME}
+    return result | {
+        "more": more,
+        "told": (
+            judge.Agreement.DIFFERENT if differs else judge.Agreement.SAME if same else judge.Agreement.OPEN
+        ).value,
+        "size": 100.0 * max(entry.size for entry in told),
+        "bound": 100.0 * max(entry.bound for entry in told),
+    }
 
 
 def show_lengths(results: list[dict]) -> None:
-    """Print a line a log."""
+    """Print a line a pair, and the gates."""
     rows = [
-        (r["name"], f"{r.get('scoring') or 0:.3g}", summarise(r), show_scores(r), f"{r['seconds']:.1f}")
+        (
+            r["name"],
+            *(f"{summarise(part)}, {part.get('scoring') or 0:.3g} Hz" for part in (r, r["more"])),
+            f"{r['size']:.2g}, at most {r['bound']:.2g}",
+            r["told"],
+        )
         for r in results
     ]
-    print_table(("log", "scoring band, Hz", "reached", "95 % intervals hold, largest z", "s"), rows)
+    print_table(("compared", "first", "second", "differ in a joint's torque by, %", "say"), rows)
+    told = Counter(r["told"] for r in results)
+    print_gate(
+        "17 of 20 the same", f"{told['same']} of {len(results)}", met=told["same"] >= 0.85 * len(results)
+    )
+    print_gate("one different at most", told["different"], met=told["different"] <= 1)
 
 
 # Calls.
