@@ -5,8 +5,8 @@ taken.
 
     candidates   rows within bands B 2^k, least squares, or instruments along positions of a lower band
     as good      no candidate predicts held-out stretches better, by more than matters and more than chance
-    consistent   torques that the candidate predicts agree with those of the same rows and the lowest
-    instruments taken        of those as good and consistent the widest rows, then the widest instruments
+    consistent   torques that it predicts agree with those of the same rows and the lowest instruments
+    taken        of those as good and consistent the widest rows, then the widest instruments that are precise
     slow rows    below a tenth of the top speed, of a joint, are used where friction surely is another there
 
 Noise of the positions biases least squares, and instruments of a wide band; instruments of a low band are
@@ -113,9 +113,7 @@ def choose_settings(
     if "filter_cutoff" in processing.left_open:
         cutoff = min(balance_cutoff(recordings) or PASSED * rate, PASSED * rate)
         processing = replace(processing, differences="fourth-order")
-    stated = (
-        None if "decimation.factor" in processing.left_open else min(PASSED * rate / factor, PASSED * rate)
-    )
+    stated = None if "decimation.factor" in processing.left_open else PASSED * rate / max(1, factor)
     widest = min(PASSED * condensing.ROW_RATE, judge.POLICY.row_band * rate, 0.5 * (cutoff or rate))
     scoring = min(max(measure_scoring_band(recordings), least), stated or 0.5 * widest)
     bands = list_bands(scoring, widest, stated)
@@ -125,8 +123,7 @@ def choose_settings(
         everywhere = (name for name in STATES if all(has_states(recording, name) for recording in recordings))
         usable = [name for name in everywhere if alike or name == "position"]
     best: tuple[CondensedLogs, BandTrial] | None = None
-    candidates: list[Candidate] = []
-    place = 0
+    candidates, place = list[Candidate](), 0
     for states in usable:
         logs = CondensedLogs(library, recordings, replace(processing, states=states), bands, cutoff)
         trials = _fit_trials(logs, instruments, stated=stated is not None)
@@ -193,16 +190,12 @@ def _choose_trial(
     lowest: dict[int, BandTrial] = {}
     for trial in trials:
         lowest.setdefault(trial.level, trial)
-    grams, moving = logs.list_grams(), logs.torque > 0.0
-    found = []
+    moving = logs.torque > 0.0
+    grams, torque, found = logs.list_grams()[moving], logs.torque[moving], []
     for trial in trials:
         compared, first = judge.compare(trial.losses, best.losses), lowest[trial.level]
-        told = judge.agree(
-            trial.fit.values - first.fit.values,
-            trial.fit.changes - first.fit.changes,
-            grams[moving],
-            logs.torque[moving],
-        )
+        differences = trial.fit.values - first.fit.values, trial.fit.changes - first.fit.changes
+        told = judge.agree(*differences, grams, torque)
         # None where no joint has a torque that counts.
         chances = judge.adjust_chances([entry.p for entry in told])
         found.append(
@@ -219,7 +212,13 @@ def _choose_trial(
     # The best of all is as good as itself. Wide rows have most information, and mix slow ones in least.
     good = [place for place, trial in enumerate(trials) if not _is_worse(trial.losses, best.losses)]
     pool = [place for place in good if found[place].consistent > judge.POLICY.caution] or good
-    return max(pool, key=lambda place: (trials[place].level, trials[place].smooth)), found
+
+    widest = [place for place in pool if trials[place].level == max(trials[place].level for place in pool)]
+    changes = np.stack([trials[place].fit.changes for place in widest])
+    spreads = np.einsum("tbk,jkl,tbl->tj", changes, grams, changes, optimize=True) @ (1.0 / torque)
+    # Noise makes least squares less precise than instruments before a test tells of its bias.
+    precise = np.flatnonzero(spreads <= (1.0 + judge.POLICY.relevance) * spreads.min())
+    return max((widest[k] for k in precise), key=lambda place: trials[place].smooth), found
 
 
 def _choose_classes(
