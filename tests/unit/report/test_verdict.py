@@ -87,7 +87,7 @@ def test_a_fit_that_leaves_most_of_the_torque_is_wrong(estimate):
     verdict = verdicts.judge_identification(set_residual(estimate, limit + 1.0, limit + 1.0), ())
     assert verdict.level == "wrong"
     assert f"{limit + 1.0:.3g} %" in verdict.headline
-    assert verdict.cause
+    assert not verdict.cause
     assert "symid check" in verdict.remedy
     below = verdicts.judge_identification(set_residual(estimate, limit - 1.0, limit - 1.0), ())
     assert below.level != "wrong"
