@@ -165,9 +165,9 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
             (level, f"the fit itself leaves {evidence.fitted:.3g} %: the logs are too short for the model")
         )
     elif level == "wrong":
-        caps.append(
-            ("wrong", f"the model is not that of these logs: {percent:.3g} % of held-out torque is left")
-        )
+        said = "" if evidence.causes else "; no single mistake that is tried explains it"
+        text = f"the model is not that of these logs: {percent:.3g} % of held-out torque is left{said}"
+        caps.append((level, text))
     least = [entry for entry in evidence.joints if entry.held_out > POLICY.usable]
     if least and len(evidence.joints) > 1:
         # Some joints alone make no fit wrong.
@@ -303,8 +303,6 @@ def judge_identification(estimate: Estimate, validations: Sequence[Validation]) 
     details += words
     verdict = _limit(level, headline, details, caps)
     causes = () if evidence is None else evidence.causes
-    if evidence is not None and not causes and verdict.level == "wrong":
-        return replace(verdict, headline=f"{verdict.headline} No single mistake that is tried explains it.")
     if len(causes) != 1:
         return verdict if not causes else replace(verdict, remedy="")
     cause, remedy = causes[0].cause, causes[0].remedy

@@ -213,7 +213,8 @@ def _choose_trial(
     good = [place for place, trial in enumerate(trials) if not _is_worse(trial.losses, best.losses)]
     pool = [place for place in good if found[place].consistent > judge.POLICY.caution] or good
 
-    widest = [place for place in pool if trials[place].level == max(trials[place].level for place in pool)]
+    level = max(trials[place].level for place in pool)
+    widest = [place for place in pool if trials[place].level == level]
     changes = np.stack([trials[place].fit.changes for place in widest])
     spreads = np.einsum("tbk,jkl,tbl->tj", changes, grams, changes, optimize=True) @ (1.0 / torque)
     # Noise makes least squares less precise than instruments before a test tells of its bias.
