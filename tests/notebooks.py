@@ -3,9 +3,7 @@
 import re
 from pathlib import Path
 
-import pytest
-
-nbformat = pytest.importorskip("nbformat", reason="wants the package nbformat")
+import nbformat
 
 _CELL = re.compile(r"^# %%(?P<text> \[markdown\])?\n(?P<body>.*?)(?=^# %%|\Z)", re.DOTALL | re.MULTILINE)
 

@@ -5,6 +5,8 @@ import re
 
 import pytest
 
+pytest.importorskip("nbformat", reason="wants the package nbformat")
+
 from tests.notebooks import read_notebook
 from tests.simulations import share_simulations
 
