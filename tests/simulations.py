@@ -40,22 +40,14 @@ def prepare_slide(friction, mass=2.0, *, alpha="pi/2", backend="auto"):
 
 def share_simulations(monkeypatch: pytest.MonkeyPatch) -> None:
     """Let robots return the log, the fit to one log, or the study that an equal call gave before."""
-    monkeypatch.setattr(RobotModel, "simulate", _remember(RobotModel.simulate, _is_named))
-    monkeypatch.setattr(RobotModel, "identify", _remember(RobotModel.identify, _is_log))
-    monkeypatch.setattr(RobotModel, "study_precision", _remember(RobotModel.study_precision, _is_alone))
-
-
-def _is_named(trajectory: object = "fourier", *_: object) -> bool:
-    # Files are read anew.
-    return isinstance(trajectory, str) and trajectory in NAMED
-
-
-def _is_log(log: object = None, *others: object) -> bool:
-    return isinstance(log, Log) and not others
-
-
-def _is_alone(*arguments: object) -> bool:
-    return not arguments
+    applies = {
+        # Files are read anew.
+        "simulate": lambda trajectory="fourier", *_: isinstance(trajectory, str) and trajectory in NAMED,
+        "identify": lambda log=None, *others: isinstance(log, Log) and not others,
+        "study_precision": lambda *arguments: not arguments,
+    }
+    for name, rule in applies.items():
+        monkeypatch.setattr(RobotModel, name, _remember(getattr(RobotModel, name), rule))
 
 
 def _remember(method: Callable, applies: Callable[..., bool]) -> Callable:

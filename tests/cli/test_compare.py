@@ -88,14 +88,10 @@ def test_a_group_of_standard_parameters_is_in_its_own_deviations(ours, values, t
     assert len(found["absent"]) == 60
 
 
-def plant_coupling(values, path):
-    """Write a table in which two groups hold what drive m6 adds to their joints."""
-    held = values | {"Fv5": values["Fv5"] + values["Fvm6"], "Fv6": values["Fv6"] + values["Fvm6"]}
-    return write_table(path, [(name, value, STD) for name, value in held.items()])
-
-
 def test_a_coupled_drive_that_groups_hold_unnamed_is_inferred_and_not_put_in(ours, values, tmp_path):
-    table = plant_coupling(values, tmp_path / "table.csv")
+    # Two groups hold what drive m6 adds to their joints.
+    held = values | {"Fv5": values["Fv5"] + values["Fvm6"], "Fv6": values["Fv6"] + values["Fvm6"]}
+    table = write_table(tmp_path / "table.csv", [(name, value, STD) for name, value in held.items()])
     answer, found = compare("tx40", ours, table)
     assert list_codes(answer) == ["compare.coupled-reading"]
     assert found["within"] == {"2": 59, "3": 59}

@@ -12,11 +12,6 @@ STEP = 1e-5
 NAMES = ("mass_matrix", "coriolis_matrix", "gravity", "slotine_li_regressor")
 
 
-def find_programs(robot, base):
-    specs = list_robot_specs(robot, base)
-    return {spec.name: build_route_programs(robot, base, spec) for spec in specs if spec.name in NAMES}
-
-
 def find_symbols(mass, q):
     """Return c[i, j, k] = (dM_ij/dq_k + dM_ik/dq_j - dM_jk/dq_i) / 2 by central differences."""
     steps = np.eye(len(q)) * STEP
@@ -31,7 +26,8 @@ def check(robot):
     n = robot.freedom
     state = {name: rng.uniform(-2, 2, n) for name in ("q", "dq", "dqr", "ddqr")}
     beta = rng.uniform(-1, 1, base.count)
-    programs = find_programs(robot, base)
+    specs = [spec for spec in list_robot_specs(robot, base) if spec.name in NAMES]
+    programs = {spec.name: build_route_programs(robot, base, spec) for spec in specs}
 
     def mass(q):
         return run_program(programs["mass_matrix"]["composite bodies"], {"q": q, "beta": beta})[0]

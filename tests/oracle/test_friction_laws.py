@@ -32,10 +32,6 @@ EXACT = OperatorCarrier(
 EACH_LAW = pytest.mark.parametrize("law", LAWS, ids=lambda law: f"{law.name}-{law.smoothing:g}")
 
 
-def name_of(law, prefix="symid"):
-    return f"{prefix}_friction_{build_law_program(law).spec.name}"
-
-
 def build(folder, compiler, **options):
     """Return the compiled laws, and the texts that they are made of."""
     files = generate_friction_laws(LAWS, **options)
@@ -67,7 +63,7 @@ def draw(law, rng, count):
 
 
 def call(library, law, inputs, values):
-    function = getattr(library, name_of(law))
+    function = getattr(library, f"symid_friction_{build_law_program(law).spec.name}")
     function.restype = ctypes.c_double
     parameters = (ctypes.c_double * len(values))(*values)
     arrays = [inputs[name] for name in law.inputs]

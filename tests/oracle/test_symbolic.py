@@ -96,12 +96,9 @@ def evaluate(expression, known):
     return known[expression]
 
 
-def list_parts(value):
-    return value if isinstance(value, tuple) else (value,)
-
-
 def list_entries(value):
-    return [entry for part in list_parts(value) for entry in np.ravel(part).tolist()]
+    parts = value if isinstance(value, tuple) else (value,)
+    return [entry for part in parts for entry in np.ravel(part).tolist()]
 
 
 def evaluate_outputs(function, *arrays):

@@ -65,18 +65,6 @@ class Labelled(np.ndarray):
     """A subclass, as users have them."""
 
 
-def make_unaligned(values):
-    memory = bytearray(values.nbytes + 1)
-    memory[1:] = values.tobytes()
-    return np.frombuffer(memory, dtype=np.float64, offset=1).reshape(values.shape)
-
-
-def freeze(values):
-    values = values.copy()
-    values.setflags(write=False)
-    return values
-
-
 UNUSUAL = {
     "list": list,
     "tuple": tuple,
@@ -86,8 +74,10 @@ UNUSUAL = {
     "every second": lambda values: np.repeat(values, 2)[::2],
     "backwards": lambda values: values[::-1],
     "subclass": lambda values: values.view(Labelled),
-    "unaligned": make_unaligned,
-    "read-only": freeze,
+    "unaligned": lambda values: np.frombuffer(bytearray(b"0" + values.tobytes()), offset=1).reshape(
+        values.shape
+    ),
+    "read-only": lambda values: np.frombuffer(values.tobytes()).reshape(values.shape),
     "memoryview": memoryview,
 }
 
@@ -156,15 +146,13 @@ def hide_folder(monkeypatch, name, folder):
     monkeypatch.setattr(sysconfig, "get_path", lambda key: str(folder) if key == name else found(key))
 
 
-def change_configuration(monkeypatch, values):
-    found = sysconfig.get_config_var
-    monkeypatch.setattr(sysconfig, "get_config_var", lambda key: values.get(key, found(key)))
-
-
+CONFIGURED = sysconfig.get_config_var
 HIDE = {
     "Python.h is not installed": lambda patch, folder: hide_folder(patch, "include", folder),
     "arrayobject.h is not installed": lambda patch, folder: patch.setattr(np, "get_include", lambda: folder),
-    "no limited API": lambda patch, _: change_configuration(patch, {"Py_GIL_DISABLED": 1}),
+    "no limited API": lambda patch, _: patch.setattr(
+        sysconfig, "get_config_var", lambda key: 1 if key == "Py_GIL_DISABLED" else CONFIGURED(key)
+    ),
     "not CPython": lambda patch, _: patch.setattr(sys.implementation, "name", "another"),
 }
 

@@ -215,19 +215,18 @@ def test_arrays_that_are_no_log(make_robot, columns, write_npz):
     robot = make_robot(position=(("a", "b"), "rad"))
     path = write_npz(t=columns["t"], a=np.zeros(50), b=np.zeros(49), tau=columns["tau"])
     assert "shape: a (50,), b (49,)" in problems(path, robot)["log.unequal-length"]
-    path = write_npz(t=columns["q"], q=columns["q"], tau=columns["tau"])
-    assert "time has 2 columns" in problems(path, make_robot())["log.time-columns"]
-    path = write_npz(t=np.zeros(0), q=np.zeros((0, 2)), tau=np.zeros((0, 2)))
-    assert " 0 samples; " in problems(path, make_robot())["log.too-short"]
     path = write_npz(t=np.zeros(0), q=np.zeros(0), tau=np.zeros(0))
     assert " 0 samples; " in problems(path, make_robot((JointKind.REVOLUTE,)))["log.too-short"]
-    path = write_npz(t=columns["t"], q=np.full((50, 2), "a"), tau=columns["tau"])
-    assert "column 'q' of the log" in problems(path, make_robot())["log.missing-column"]
-    path = write_npz(t=columns["t"], q=np.array([{}] * 50, dtype=object), tau=columns["tau"])
-    assert "column 'q' of the log" in problems(path, make_robot())["log.missing-column"]
-    t = columns["t"] + 0.3 * (np.arange(50) > 30)
-    found = problems(write_npz(**{**columns, "t": t}), make_robot())
-    assert "sample 30 (counted from 0), from 0.3 s to 0.61 s" in found["log.gap"]
+    empty, text = {"t": np.zeros(0), "q": np.zeros((0, 2)), "tau": np.zeros((0, 2))}, np.full((50, 2), "a")
+    late = columns["t"] + 0.3 * (np.arange(50) > 30)
+    for changed, code, words in (
+        ({"t": columns["q"]}, "log.time-columns", "time has 2 columns"),
+        (empty, "log.too-short", " 0 samples; "),
+        ({"q": text}, "log.missing-column", "column 'q' of the log"),
+        ({"q": np.array([{}] * 50, dtype=object)}, "log.missing-column", "column 'q' of the log"),
+        ({"t": late}, "log.gap", "sample 30 (counted from 0), from 0.3 s to 0.61 s"),
+    ):
+        assert words in problems(write_npz(**(columns | changed)), make_robot())[code]
 
 
 def test_a_log_too_short_for_its_processing(make_robot, columns, write_npz):

@@ -115,10 +115,6 @@ def list_texts(blocks):
     return [block for block in blocks if isinstance(block, str)]
 
 
-def list_captions(blocks):
-    return [block.caption for block in blocks if isinstance(block, Drawing)]
-
-
 def test_the_whole_page_is_well_formed_escaped_and_needs_nothing_else(estimate, trial, tracking):
     text = write(estimate, (trial,), tracking=tracking)
     reader = PageReader(text)
@@ -215,7 +211,8 @@ def test_methods_are_compared_by_prediction_and_truth(estimate):
     ]
     assert table.picked == 0
     words = [measure.partition(" (")[0].capitalize() for measure in table.header[1:3]]
-    assert [caption.startswith(tuple(words)) for caption in list_captions(blocks)].count(True) == 2
+    captions = [block.caption for block in blocks if isinstance(block, Drawing)]
+    assert [caption.startswith(tuple(words)) for caption in captions].count(True) == 2
     unknown = tuple(replace(entry, truth=None) for entry in estimate.parameters)
     springs = tuple(replace(spring, truth=None) for spring in estimate.springs)
     blocks = show(replace(estimate, parameters=unknown, springs=springs))
