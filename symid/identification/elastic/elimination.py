@@ -132,14 +132,9 @@ _STATES = 5.0
 """Of the cut-off of the states to the band's edge: the rows' filter comes after kinks of friction."""
 
 
-_EFFECTS = 3.0
+EFFECTS = 3.0
 """Of the edge up to where effects are sought to the band's: ripple is faster than motion, and the filter of
 the states, which columns come after and torques before, must not weaken it."""
-
-
-def get_effect_edge(period: float, band: float) -> float:
-    """Return up to where effects of the drives are sought, Hz."""
-    return min(_EFFECTS * regression.choose_edge(period, band), POLICY.row_band / period)
 
 
 def get_wide_cutoff(period: float, band: float) -> float:

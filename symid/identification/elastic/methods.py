@@ -152,7 +152,8 @@ def build_elastic_equations(
     effects: tuple[regression.DriveEffect, ...] = ()
     broad, rows, limits, fit = free(effects)
     if options.effects:
-        edge = elimination.get_effect_edge(max(part.period for part in broad), band)
+        period = max(part.period for part in broad)
+        edge = min(elimination.EFFECTS * regression.choose_edge(period, band), POLICY.row_band / period)
         # Friction near rest may be taken for an effect, and effects for it.
         slow = regression.MOVES * elimination.compute_speeds(broad)
         effects = drive_effects.measure_effects(library, broad, edge, slow)

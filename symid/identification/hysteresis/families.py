@@ -537,13 +537,6 @@ class ElementForm:
 ADDED = ("backlash", "relaxation")
 
 
-def list_added(part: str, path: ElementPath) -> FloatArray:
-    """Return where a search of the value of a part may begin: lengths to the reach, times to the whole."""
-    if part == "backlash":
-        return path.list_lengths(STARTS)
-    return np.geomspace(np.min(path.period), np.sum(path.period), STARTS)
-
-
 def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[ElementFamily, ...]:
     """Return the forms of a model to try on a path; those that need time only where it is known."""
     grid = tuple(path.list_lengths(GRID).tolist())

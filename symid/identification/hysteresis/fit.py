@@ -560,7 +560,9 @@ def _extend(trial: _ElementTrial, task: _Task) -> list[_ElementTrial]:
     possible = {"backlash": not task.passive, "relaxation": task.timed}
     task, found = replace(task, passive=task.passive or springs), []
     for part in (name for name, allowed in possible.items() if allowed and name not in source.parts):
-        starts = [np.append(shape, value) for value in families.list_added(part, path)]
+        times = np.geomspace(np.min(path.period), np.sum(path.period), families.STARTS)
+        sizes = path.list_lengths(families.STARTS) if part == "backlash" else times
+        starts = [np.append(shape, value) for value in sizes]
         added, others = (*source.added, part), [name for name in source.parts if name not in source.added]
         whole = replace(source, parts=(*added, *others))
         begun = min(starts, key=lambda start: float(np.sum(_compute_errors(whole, task, start) ** 2)))
