@@ -144,8 +144,8 @@ def _find_lost(residual: Sequence[Residual], logs: str) -> Caps:
 
 
 _OWN = "the logs of the fit"
-_LACKING = ("identify.structure", "robot.no-friction")
-"""Codes of causes that are terms which the model lacks: no mistakes."""
+_LACKING = ("identify.structure", "identify.logs", "robot.no-friction")
+"""Codes of causes that are no mistake in a log: terms that the model lacks, logs of different robots."""
 _SAME, _DIFFERENT = "same", "different"
 
 

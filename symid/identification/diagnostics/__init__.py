@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         measure_shares as measure_shares,
         shift_torques as shift_torques,
         suspect_gravity as suspect_gravity,
+        suspect_logs as suspect_logs,
     )
     from symid.identification.diagnostics.fit_warnings import (
         build_warning as build_warning,

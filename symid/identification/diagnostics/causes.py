@@ -1,12 +1,11 @@
 """Why a log does not fit: single mistakes undone one after the other, and terms that a model may lack.
 
-Library, thinned logs -> hypotheses -> `Cause`s: the one that explains the log, or several that explain it
-alike.
+Library, thinned logs -> hypotheses -> `Cause`s: the one that explains the log, or several that do so alike.
 
 Every hypothesis is tried in fact, by a fit of the logs within the scoring band: as if the mistake were
 undone, or with the columns of the term at one joint. It is accepted where
 
-    held-out losses of its joint, or of all, fall by more than chance over all hypotheses (Holm 1979),
+    held-out losses of its joint, or of all, fall by more than chance over all sizes tried (Holm 1979),
     their squares fall at least 2 times, those of all joints together at least 1.5 times
 
 Of those accepted the one that leaves least is named alone if every hypothesis of another family leaves at
@@ -18,14 +17,16 @@ Torque columns that change linearly (signs, order, units) are algebra on sums of
 order of positions, units, times and delays evaluate the regressor anew, along thinned logs.
 
 Supported: several logs, known payloads, joints at rest; signs, order and units of columns, a delay of all
-torques, times scaled, a wrong zero of a joint, no friction in the robot file; terms of one joint.
+torques, times or one torque scaled, a wrong zero of a joint, no friction in the robot file; terms of one
+joint; logs of different robots.
 Not supported: two mistakes at once; what no torque can show (all torques scaled, times by a few percent, the
 zero of a first vertical or a last joint), which needs a known mass, payload or CAD value.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, product
+from functools import partial
+from itertools import combinations
 from typing import NamedTuple
 
 import numpy as np
@@ -46,10 +47,13 @@ from symid.joint_models import REFERENCE_TEMPERATURE
 from symid.robot import Robot
 
 _DECADES = 3
-"""Powers of ten by which a unit is mistaken, either way; a tenth and ten are none."""
+"""Powers of ten by which a unit is mistaken at most, either way."""
 _STEPS = 8
-"""Zeros in a turn and times in two decades from which the best one is searched; octaves of delays."""
+"""Zeros in a turn, times in two decades, sizes of a torque that are searched; octaves of delays."""
 NO_FRICTION, GRAVITY, TERM = "robot.no-friction", "robot.gravity", "identify.structure"
+LOGS, DELAY = "identify.logs", "log.torque-delay"
+FREE = (TERM, LOGS)
+"""Codes of what has values of its own."""
 TORQUE_SIGN, POSITION_SIGN = "log.torque-sign", "log.position-sign"
 
 
@@ -62,6 +66,7 @@ class Hypothesis:
         joints: numbers of those whose torque it touches, none for all.
         motion: the logs as they would be; columns: (t, n, p) of the model along them, None to evaluate them.
         sizes: (n,) squares of torque that losses are relative to, None for those of `motion`.
+        tried: number of sizes of which it is the best: one of so many explains more by chance.
     """
 
     code: str
@@ -72,6 +77,7 @@ class Hypothesis:
     joints: tuple[int, ...] = ()
     columns: FloatArray | None = None
     sizes: FloatArray | None = None
+    tried: int = 1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,6 +113,13 @@ def evaluate_motion(library: Library, motion: ThinMotion) -> FloatArray:
     )
 
 
+def _evaluate_other(
+    library: Library, motion: ThinMotion, columns: FloatArray, other: ThinMotion
+) -> FloatArray:
+    """Return the columns of the model along another motion: those of `motion` where it moves the same."""
+    return columns if other.q is motion.q and other.dq is motion.dq else evaluate_motion(library, other)
+
+
 def is_confirmed(
     library: Library, motion: ThinMotion, fold: NDArray[np.intp], hypothesis: Hypothesis
 ) -> bool:
@@ -118,9 +131,10 @@ def is_confirmed(
 
 
 class TriedHypothesis(NamedTuple):
-    """A hypothesis that was tried: chance and falls of the squares of its joints, and of all."""
+    """A hypothesis beside a fit of its rows without it: chance and falls of squares of its joints, of all."""
 
     hypothesis: Hypothesis
+    before: TriedFit
     found: TriedFit
     p: float
     fall: float
@@ -147,16 +161,19 @@ def find_causes(
     for hypothesis in hypotheses:
         along = hypothesis.columns
         if along is None:
-            still = hypothesis.motion.q is motion.q and hypothesis.motion.dq is motion.dq
-            along = columns if still else evaluate_motion(library, hypothesis.motion)
+            along = _evaluate_other(library, motion, columns, hypothesis.motion)
         found = fit_motion(along, hypothesis.motion, fold, hypothesis.sizes)
         own = [joint for joint in (hypothesis.joints or moving) if joint in moving]
         if own:
-            pooled = _compare(base, found, moving)
+            bare = base
+            if hypothesis.code == DELAY:
+                # Rows at one end that are left out are no part of what it explains.
+                bare = fit_motion(columns, replace(motion, kept=hypothesis.motion.kept), fold)
+            pooled = _compare(bare, found, moving)
             # What a mistake at one joint spoils may be left at others: both are tried, which counts twice.
-            touched = min(pooled, _compare(base, found, own)) if hypothesis.joints else pooled
-            p = min(1.0, touched[0] * (2.0 if hypothesis.joints else 1.0))
-            trials.append(TriedHypothesis(hypothesis, found, p, touched[1], pooled[1]))
+            touched = min(pooled, _compare(bare, found, own)) if hypothesis.joints else pooled
+            p = min(1.0, touched[0] * hypothesis.tried * (2.0 if hypothesis.joints else 1.0))
+            trials.append(TriedHypothesis(hypothesis, bare, found, p, touched[1], pooled[1]))
     chances = judge.adjust_chances([trial.p for trial in trials])
     trials = [trial._replace(p=p) for trial, p in zip(trials, chances, strict=True)]
     passed = [
@@ -186,7 +203,7 @@ def find_causes(
         if place not in passed
         and trial.hypothesis.code in {TORQUE_SIGN, POSITION_SIGN}
         and np.any(bad & mask_joints(trial.hypothesis))
-        and holds(base, trial.found, moving)
+        and holds(trial, moving)
         and is_sound(place)
     ]
     passed = [*(place for place in passed if is_sound(place)), *cured] or passed
@@ -197,13 +214,13 @@ def find_causes(
         return float(trials[place].found.losses[:, list(joints)].sum())
 
     best = min(passed, key=lambda place: left(place, moving))
-    # A term has values of its own: it explains less than a mistake that leaves as much.
-    mistakes = [place for place in passed if trials[place].hypothesis.code != TERM]
+    # What has values of its own explains less than a mistake that leaves as much.
+    mistakes = [place for place in passed if trials[place].hypothesis.code not in FREE]
     if mistakes:
         plain = min(mistakes, key=lambda place: left(place, moving))
         if left(plain, moving) < POLICY.fall * left(best, moving):
             best = plain
-    if not holds(base, trials[best].found, moving):
+    if not holds(trials[best], moving):
         return ()
     first = trials[best].hypothesis
     alike: dict[str, int] = {first.family: best}
@@ -213,7 +230,7 @@ def find_causes(
         # Few stretches may not tell a rival from chance, which does not exclude it.
         told = trial.p < POLICY.alarm or place in passed or trial.fall_of_all >= POLICY.fall_of_all
         rival = told and left(place, own) < POLICY.fall * left(best, own)
-        if other.family == first.family or not rival or (other.code == TERM and first.code != TERM):
+        if other.family == first.family or not rival or (other.code in FREE and first.code not in FREE):
             continue
         better = other.family not in alike or left(place, own) < left(alike[other.family], own)
         if better and mask_left(place)[own].sum() <= mask_left(best)[own].sum():
@@ -222,19 +239,20 @@ def find_causes(
     for place in sorted(alike.values(), key=lambda place: left(place, moving)):
         entry = trials[place].hypothesis
         own = list(entry.joints or moving)
-        before, after = (measure_percent(part.losses, own) for part in (base, trials[place].found))
+        before, after = (measure_percent(part.losses, own) for part in trials[place][1:3])
         said = {name: getattr(entry, name) for name in ("code", "family", "cause", "remedy")}
         joints = tuple(names[joint] for joint in entry.joints)
         causes.append(Cause(**said, joints=joints, before=before, after=after, p=trials[place].p))
     return tuple(causes)
 
 
-def holds(base: TriedFit, found: TriedFit, joints: list[int]) -> bool:
+def holds(trial: TriedHypothesis, joints: list[int]) -> bool:
     """Return whether a hypothesis surely predicts no joint worse, and its prediction of joints is usable."""
-    worse = judge.compare(found.losses, base.losses)
-    sure = np.array(judge.adjust_chances(worse.p.tolist())) < POLICY.alarm
-    spoilt = sure & (worse.fall > (1.0 + POLICY.relevance) ** 2)
-    return not spoilt.any() and measure_percent(found.losses, joints) <= POLICY.usable
+    after, before = trial.found.losses, trial.before.losses
+    sure = np.array(judge.adjust_chances(judge.compare(after, before).p.tolist())) < POLICY.alarm
+    more = np.sqrt(after.sum(axis=0)) - np.sqrt(before.sum(axis=0))
+    spoilt = sure & (more > POLICY.relevance)
+    return not spoilt.any() and measure_percent(after, joints) <= POLICY.usable
 
 
 def measure_percent(losses: FloatArray, joints: list[int]) -> float:
@@ -357,20 +375,15 @@ def list_mistakes(
         remedy = "state friction of each joint (--friction coulomb-viscous-offset, or [joint.friction])"
         wider = np.concatenate([evaluate_motion(library, motion), added], axis=2)
         yield Hypothesis(NO_FRICTION, "friction", cause, remedy, motion, (), wider)
-    cause, remedy = "all torques have the wrong sign", "state a factor of -1 in [log.torque]"
-    yield Hypothesis(TORQUE_SIGN, "sign of all torques", cause, remedy, _scale_torque(motion, -1.0))
-    cause, remedy = "all positions have the wrong sign", "state a factor of -1 in [log.position]"
-    family, undone = "sign of all positions", _scale_position(motion, -1.0)
-    yield Hypothesis(POSITION_SIGN, family, cause, remedy, undone)
-    for joint, (unit, name) in enumerate(zip(units, names, strict=True)):
-        cause = f"the torque of joint {name!r} has the wrong sign"
-        remedy = "state its factor -1 in [log.torque], or turn its gear"
-        family, undone = f"sign of torque {name}", _scale_torque(motion, 1.0 - 2.0 * unit)
-        yield Hypothesis(TORQUE_SIGN, family, cause, remedy, undone, (joint,))
-        cause = f"the position of joint {name!r} has the wrong sign"
-        remedy = "state its factor -1 in [log.position]"
-        family, undone = f"sign of position {name}", _scale_position(motion, 1.0 - 2.0 * unit)
-        yield Hypothesis(POSITION_SIGN, family, cause, remedy, undone, (joint,))
+    signs = (TORQUE_SIGN, "torque", _scale_torque), (POSITION_SIGN, "position", _scale_position)
+    for code, what, scale in signs:
+        cause, remedy = f"all {what}s have the wrong sign", f"state a factor of -1 in [log.{what}]"
+        yield Hypothesis(code, f"sign of all {what}s", cause, remedy, scale(motion, -1.0))
+        for joint, (unit, name) in enumerate(zip(units, names, strict=True)):
+            cause = f"the {what} of joint {name!r} has the wrong sign"
+            remedy = f"state its factor -1 in [log.{what}]"
+            family, undone = f"sign of {what} {name}", scale(motion, 1.0 - 2.0 * unit)
+            yield Hypothesis(code, family, cause, remedy, undone, (joint,))
     matrix = np.zeros((0, count)) if transmission is None else transmission
     for motor in range(len(matrix)):
         turn = np.linalg.solve(matrix, (1.0 - 2.0 * units[motor])[:, None] * matrix)
@@ -411,6 +424,7 @@ def _list_sizes(
 ) -> Iterator[Hypothesis]:
     """Yield what the logs would be with other units, times, delays and zeros."""
     count, units = len(names), np.eye(len(names))
+    search = partial(_search, library, motion, fold)
     for factor, what in ((np.pi / 180.0, "degrees"), (180.0 / np.pi, "radians")):
         cause, remedy = f"positions are in {what}", f'state unit = "{what[:3]}" in [log.position]'
         family, undone = "unit of positions", _scale_position(motion, factor)
@@ -419,17 +433,18 @@ def _list_sizes(
             cause, remedy = f"positions of joint {name!r} are in {what}", "state its factor in [log.position]"
             family, undone = f"unit of position {name}", _scale_position(motion, np.where(unit, factor, 1.0))
             yield Hypothesis("log.wrong-unit", family, cause, remedy, undone, (joint,))
-    decades = [10.0**power for power in range(-_DECADES, _DECADES + 1) if abs(power) > 1]
-    # A joint whose torque is made tiny is cut off from the others, which may help any wrong model.
-    size = np.log(np.maximum(np.sqrt(np.mean(motion.tau**2, axis=0)), np.finfo(float).tiny))
-    for factor, joint in product(decades, range(count)):
-        away = size[joint] - float(np.mean(np.delete(size, joint))) if len(size) > 1 else 0.0
-        if abs(away + np.log(factor)) < abs(away):
-            cause = f"the torque of joint {names[joint]!r} is {1.0 / factor:g} times what it should be"
-            remedy = "state its unit, factor or gear in [log.torque]"
-            family, factors = f"unit of torque {names[joint]}", np.where(units[joint], factor, 1.0)
-            undone = _scale_torque(motion, factors)
-            yield Hypothesis("log.wrong-unit", family, cause, remedy, undone, (joint,))
+    powers = np.linspace(-_DECADES, _DECADES, 2 * _STEPS + 1)
+    powers = powers[powers != 0.0]
+    for joint, unit in enumerate(units) if count > 1 else ():
+
+        def scale_torque(power: float, unit: FloatArray = unit) -> ThinMotion:
+            return _scale_torque(motion, np.where(unit, 10.0**power, 1.0))
+
+        power = search(scale_torque, powers)
+        cause = f"the torque of joint {names[joint]!r} is about {10.0**-power:.2g} times what it should be"
+        remedy = "state its unit, factor or gear in [log.torque]"
+        family, undone = f"unit of torque {names[joint]}", scale_torque(power)
+        yield Hypothesis("log.wrong-unit", family, cause, remedy, undone, (joint,), tried=len(powers))
 
     def scale_times(power: float) -> ThinMotion:
         factor = 10.0**power
@@ -437,23 +452,27 @@ def _list_sizes(
 
     # Within a decade, but for none.
     powers = np.linspace(-1.0, 1.0, _STEPS + 1)
-    times = _search(library, fold, scale_times, powers[powers != 0.0])
+    times = search(scale_times, powers[powers != 0.0])
     for power in (times, float(_DECADES), -float(_DECADES)):
         cause = f"the times of the log are about {10.0**-power:.3g} times what they should be"
         remedy = f"multiply them by {10.0**power:.3g} (unit of [log.time])"
-        yield Hypothesis("log.time-scale", "times", cause, remedy, scale_times(power))
+        yield Hypothesis("log.time-scale", "times", cause, remedy, scale_times(power), tried=_STEPS)
     span = float(min(np.bincount(motion.run))) * motion.period
-    delays = motion.period * 2.0 ** np.arange(-1.0, _STEPS)
+    delays = motion.period * 2.0 ** np.arange(-3.0, _STEPS)
     delays = delays[10.0 * delays <= span]
     for sign, side in ((1.0, "after"), (-1.0, "before")) if len(delays) else ():
+        # All sizes are compared on the rows that the largest one leaves.
+        inner = shift_torques(motion, sign * float(delays[-1])).kept
 
-        def shift(size: float, sign: float = sign) -> ThinMotion:
-            return shift_torques(motion, sign * size)
+        def shift(size: float, sign: float = sign, inner: NDArray[np.bool_] = inner) -> ThinMotion:
+            moved = shift_torques(motion, sign * size)
+            return replace(moved, kept=moved.kept & inner)
 
-        delay = _search(library, fold, shift, delays)
+        delay = search(shift, delays)
         cause = f"torques are logged about {1e3 * delay:.3g} ms {side} the motion"
         remedy = "shift them in the log; `symid check` states the delay"
-        yield Hypothesis("log.torque-delay", "delay", cause, remedy, shift(delay))
+        undone = shift_torques(motion, sign * delay)
+        yield Hypothesis(DELAY, "delay", cause, remedy, undone, tried=len(delays))
     # A whole turn changes nothing.
     zeros = np.linspace(-np.pi, np.pi, _STEPS + 1)[1:]
     for joint, unit in enumerate(units):
@@ -461,24 +480,27 @@ def _list_sizes(
         def turn(zero: float, unit: FloatArray = unit) -> ThinMotion:
             return replace(motion, q=motion.q - zero * unit)
 
-        zero = _search(library, fold, turn, zeros[zeros != 0.0], joint)
+        zero = search(turn, zeros[zeros != 0.0], joint)
         cause = f"the zero of joint {names[joint]!r} is off by about {zero:.2g} rad"
         remedy = "state it as offset of [log.position], or correct theta of the robot file"
-        yield Hypothesis("log.joint-zero", f"zero of {names[joint]}", cause, remedy, turn(zero), (joint,))
+        family = f"zero of {names[joint]}"
+        yield Hypothesis("log.joint-zero", family, cause, remedy, turn(zero), (joint,), tried=_STEPS)
 
 
-def _search(
+def _search(  # noqa: PLR0917 - what is fitted, and what is tried
     library: Library,
+    motion: ThinMotion,
     fold: NDArray[np.intp],
     build: Callable[[float], ThinMotion],
     grid: FloatArray,
     joint: int | None = None,
 ) -> float:
     """Return the size whose motion leaves least squares: the best of a grid, and between its neighbours."""
+    columns = evaluate_motion(library, motion)
 
     def measure(size: float) -> float:
-        motion = build(size)
-        squares = fit_motion(evaluate_motion(library, motion), motion, fold).squares
+        other = build(size)
+        squares = fit_motion(_evaluate_other(library, motion, columns, other), other, fold).squares
         return float(squares.sum() if joint is None else squares[joint])
 
     found = np.array([measure(size) for size in grid.tolist()])
@@ -500,6 +522,16 @@ def shift_torques(motion: ThinMotion, delay: float) -> ThinMotion:
         kept[own] &= ((later >= 0.0) & (later <= time[-1]))[:, None]
         tau[own] = CubicSpline(time, motion.tau[own])(np.clip(later, 0.0, time[-1]))
     return replace(motion, tau=tau, kept=kept)
+
+
+def suspect_logs(library: Library, motion: ThinMotion, log: NDArray[np.intp]) -> Iterator[Hypothesis]:
+    """Yield that each log has parameters of its own; `log` (b,) is the one of every block."""
+    columns, own = evaluate_motion(library, motion), log[motion.block]
+    others = [np.where(own[:, None, None] == number, columns, 0.0) for number in np.unique(log)[1:]]
+    if others:
+        cause = "the logs contradict each other: another payload, robot or friction in some of them"
+        remedy = "fit each log alone, and compare the parameters"
+        yield Hypothesis(LOGS, "logs", cause, remedy, motion, (), np.concatenate([columns, *others], axis=2))
 
 
 def estimate_gravity(

@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
-from symid.errors import Notice
 from symid.identification import diagnostics, estimators, judge, regression
 from symid.identification.judge import POLICY, Agreement
 from symid.identification.regression import BlockFit, ThinMotion
@@ -90,17 +89,9 @@ def build_gravity_test(found: diagnostics.GravityEstimate, *, better: bool) -> e
     It differs where that also predicts `better`: else what the model lacks may look like it.
     """
     turn, deviation = np.degrees(found.turn), np.degrees(found.deviation)
-    verdict = found.difference.verdict
-    verdict = verdict if better or verdict is not Agreement.DIFFERENT else Agreement.OPEN
-    return estimators.ConsistencyTest(
-        what="gravity",
-        joint="",
-        part=f"{turn:.3g} degrees +- {deviation:.2g}",
-        verdict=verdict.value,
-        size=100.0 * found.difference.size,
-        bound=100.0 * found.difference.bound,
-        p=found.difference.p,
-    )
+    test = build_test("gravity", "", f"{turn:.3g} degrees +- {deviation:.2g}", found.difference)
+    open_still = test.verdict == Agreement.DIFFERENT.value and not better
+    return replace(test, verdict=Agreement.OPEN.value) if open_still else test
 
 
 def list_causes(  # noqa: PLR0917 - what was fitted, and what it is judged by
@@ -112,8 +103,7 @@ def list_causes(  # noqa: PLR0917 - what was fitted, and what it is judged by
     transmission: FloatArray | None,
 ) -> tuple[estimators.Cause, ...]:
     """Return what explains the logs better: all is tried where something is odd, or gravity differs."""
-    odd = bool(evidence.impossible) or evidence.unexplained > POLICY.good
-    odd |= any(entry.held_out > POLICY.usable for entry in evidence.joints)
+    odd = bool(evidence.impossible) or evidence.unexplained > 100.0 * POLICY.relevance
     odd |= any(entry.verdict == Agreement.DIFFERENT.value for entry in evidence.tests)
     # Another direction that predicts no better may stand for a zero that is off; one that is not sure, or too
     # small to matter, for anything that a joint with little torque lacks.
@@ -124,7 +114,8 @@ def list_causes(  # noqa: PLR0917 - what was fitted, and what it is judged by
     fold, impossible = study.logs.fold, bool(evidence.impossible)
     mistakes = diagnostics.list_mistakes(library, motion, fold, transmission)
     terms = diagnostics.list_terms(library, motion, study.fit.values)
-    every = [*turned, *mistakes, *terms]
+    apart = diagnostics.suspect_logs(library, motion, study.logs.log)
+    every = [*turned, *apart, *mistakes, *terms]
     return diagnostics.find_causes(library, motion, fold, every, impossible=impossible)
 
 
@@ -185,11 +176,10 @@ def list_tests(
         difference, changes = pair[0].values - pair[1].values, pair[0].changes - pair[1].changes
         if shared is not None:
             difference, changes = shared @ difference, changes @ shared.T
-        differences = judge.agree(difference, changes, tables, logs.torque)
-        found.extend(
-            (what, part, joint, entry) for joint, entry in enumerate(differences) if logs.torque[joint]
-        )
-        return [entry for joint, entry in enumerate(differences) if logs.torque[joint]]
+        differences = enumerate(judge.agree(difference, changes, tables, logs.torque))
+        told = [(what, part, joint, entry) for joint, entry in differences if logs.torque[joint]]
+        found.extend(told)
+        return [entry for *_, entry in told]
 
     def split(blocks: NDArray[np.bool_]) -> tuple[BlockFit, BlockFit]:
         one, other = (
@@ -220,21 +210,19 @@ def list_tests(
         every, fast = (logs.fit(study.sums, [share] * count, None, study.fit.weights) for share in (0, last))
         compare("slow rows", "", (every, fast), friction)
     chances = judge.adjust_chances([entry.p for *_, entry in found])
-    tests = []
-    for (what, part, joint, entry), p in zip(found, chances, strict=True):
-        sure = replace(entry, p=p)
-        tests.append(
-            estimators.ConsistencyTest(
-                what=what,
-                joint=names[joint],
-                part=part,
-                verdict=sure.verdict.value,
-                size=100.0 * sure.size,
-                bound=100.0 * sure.bound,
-                p=p,
-            )
-        )
+    tests = [
+        build_test(what, names[joint], part, replace(entry, p=p))
+        for (what, part, joint, entry), p in zip(found, chances, strict=True)
+    ]
     return tuple(tests), logwise
+
+
+def build_test(what: str, joint: str, part: str, found: judge.Difference) -> estimators.ConsistencyTest:
+    """Return a test with its sizes in percent."""
+    size, bound = 100.0 * found.size, 100.0 * found.bound
+    return estimators.ConsistencyTest(
+        what=what, joint=joint, part=part, verdict=found.verdict.value, size=size, bound=bound, p=found.p
+    )
 
 
 def find_shared(study: SettingsStudy, blocks: NDArray[np.bool_]) -> tuple[FloatArray, bool]:
@@ -334,8 +322,3 @@ def measure_bounded(study: SettingsStudy, robot: Robot | None, library: Library)
         )
     )
     return 100.0 * float(np.mean(np.minimum(1.0, np.sqrt(left + np.maximum(held - free, 0.0)))))
-
-
-def warn_of_evidence(evidence: estimators.Evidence) -> tuple[Notice, ...]:
-    """Return warnings of joints that move in proportion."""
-    return tuple(diagnostics.describe_proportion(*pair) for pair in evidence.in_proportion)

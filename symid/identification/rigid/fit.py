@@ -24,7 +24,7 @@ from symid.codegen import Library, ModelCard
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification import diagnostics, estimators, judge, regression
 from symid.identification.judge import numerics
-from symid.identification.rigid.evidence import collect_evidence, warn_of_evidence
+from symid.identification.rigid.evidence import collect_evidence
 from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan, list_unknown, plan_fit
 from symid.joint_models import NO_FRICTION
 from symid.logs import Recording, choose_processing, mask_states
@@ -157,7 +157,7 @@ def identify_parameters(
             robot=robot,
             transmission=recordings[0].transmission,
         )
-        notices += warn_of_evidence(evidence)
+        notices += [diagnostics.describe_proportion(*pair) for pair in evidence.in_proportion]
     elif not fitted.identifiability.refused:
         notices += diagnostics.warn_of_mass_matrix(library, fitted.fit.values, recordings)
     if rows not in regression.SCALAR_KINDS:

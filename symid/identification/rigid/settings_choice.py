@@ -176,12 +176,6 @@ def _measure_share(losses: FloatArray) -> float:
     return float(np.mean(np.sqrt(0.5 * losses.sum(axis=0))))
 
 
-def _is_worse(losses: FloatArray, best: FloatArray) -> bool:
-    """Return whether losses exceed the best ones by more than chance and more than matters."""
-    more = _measure_share(losses) - _measure_share(best)
-    return more > judge.POLICY.relevance and judge.compare(losses, best).p_of_all < judge.POLICY.caution
-
-
 def _choose_trial(
     logs: CondensedLogs, trials: Sequence[BandTrial], states: str
 ) -> tuple[int, list[Candidate]]:
@@ -209,8 +203,9 @@ def _choose_trial(
                 consistent=1.0 if trial is first else min(chances, default=1.0),
             )
         )
-    # The best of all is as good as itself. Wide rows have most information, and mix slow ones in least.
-    good = [place for place, trial in enumerate(trials) if not _is_worse(trial.losses, best.losses)]
+    # Worse by no more than chance, or than matters; of these, wide rows mix slow ones in least.
+    limit = 100.0 * (_measure_share(best.losses) + judge.POLICY.relevance)
+    good = [k for k, entry in enumerate(found) if entry.p >= judge.POLICY.caution or entry.held_out <= limit]
     pool = [place for place in good if found[place].consistent > judge.POLICY.caution] or good
 
     level = max(trials[place].level for place in pool)

@@ -9,12 +9,17 @@ from symid.codegen.cache import prepare_library
 from symid.identification import judge
 from symid.identification.diagnostics.causes import (
     TERM,
+    Hypothesis,
+    TriedFit,
+    TriedHypothesis,
     evaluate_motion,
     find_causes,
     fit_motion,
+    holds,
     list_mistakes,
     list_terms,
     mask_impossible,
+    suspect_logs,
 )
 from symid.identification.rigid.log_check import judge_log, study_log
 from symid.logs.signals import low_pass
@@ -92,7 +97,12 @@ MISTAKES = {
     "degrees": (change("position", ALL, np.degrees), UNIT, "positions are in degrees"),
     "radians": (change("position", ALL, np.radians), UNIT, "positions are in radians"),
     "degrees 3": (change("position", 2, np.degrees), UNIT, "joint 'joint3' are in degrees"),
-    "millinewton": (change("torque", 2, lambda x: 1e3 * x), UNIT, "torque of joint 'joint3' is 1000 times"),
+    "gear 2": (change("torque", 1, lambda x: 0.2 * x), UNIT, "torque of joint 'joint2' is about 0.2 times"),
+    "millinewton": (
+        change("torque", 2, lambda x: 1e3 * x),
+        UNIT,
+        "torque of joint 'joint3' is about 1e+03 times",
+    ),
     "late": (delay, "log.torque-delay", " ms after"),
     "early": (advance, "log.torque-delay", " ms before"),
     "quarter turn": (
@@ -261,3 +271,40 @@ def test_a_rival_is_not_excluded_by_a_short_log(library, logs, monkeypatch):
     for first, named in ((0.0, 2), (0.5, 0)):
         monkeypatch.setattr(judge, "adjust_chances", lambda p, first=first: [first, *[0.5] * (len(p) - 1)])
         assert len(find_causes(library, late.motion, late.fold, [undone, rival])) == named
+
+
+def find_all(logs):
+    """Return the causes of thinned logs of two links, of all hypotheses."""
+    motion = logs.motion
+    base = fit_motion(evaluate_motion(LIBRARY, motion), motion, logs.fold)
+    terms = list_terms(LIBRARY, motion, base.fit.values)
+    every = [*suspect_logs(LIBRARY, motion, logs.log), *list_mistakes(LIBRARY, motion, logs.fold), *terms]
+    return find_causes(LIBRARY, motion, logs.fold, every)
+
+
+def test_logs_of_different_robots_contradict_each_other():
+    heavier = TWO_LINK_TRUTH * np.where(np.arange(len(TWO_LINK_TRUTH)) < 3, 1.3, 1.0)
+    for truth, codes in ((heavier, ["identify.logs"]), (TWO_LINK_TRUTH, [])):
+        logs = thin(LIBRARY, record(0, torque=0.02), record(1, torque=0.02, truth=truth))
+        assert [entry.code for entry in find_all(logs)] == codes
+
+
+def test_rows_that_a_delay_leaves_out_are_no_part_of_what_it_explains():
+    """Torques are wrong at one end: without these rows, and with torques as they are, all is explained."""
+    logs = thin(LIBRARY, record(0, torque=0.02))
+    end = np.arange(len(logs.motion.q)) > 0.9 * len(logs.motion.q)
+    motion = replace(logs.motion, tau=logs.motion.tau + np.where(end[:, None], 20.0, 0.0))
+    shorter = replace(motion, kept=motion.kept & ~end[:, None])
+    for code, count in (("log.time-scale", 1), ("log.torque-delay", 0)):
+        undone = Hypothesis(code, code, "a cause", "a remedy", shorter)
+        assert len(find_causes(LIBRARY, motion, logs.fold, [undone])) == count
+
+
+@pytest.mark.parametrize(("after", "kept"), [(0.022, True), (0.14, False)])
+def test_a_joint_is_spoilt_by_what_matters_of_its_torque(after, kept):
+    """One joint is explained, of the other hardly or much more is left."""
+    before, found = (
+        TriedFit(fit=None, losses=np.tile(np.square(left) / 24.0, (24, 1)), squares=np.square(left))
+        for left in ([0.3, 0.014], [0.01, after])
+    )
+    assert holds(TriedHypothesis(None, before, found, 0.0, 2.0, 2.0), [0, 1]) == kept
