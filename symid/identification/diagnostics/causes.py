@@ -82,7 +82,7 @@ class Hypothesis:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TriedFit:
-    """A fit: losses (b, n) of held-out blocks, squares (n,) of all; relative to the torque."""
+    """A fit: losses (b, n) of held-out blocks, squares (n,) of all, over the torque's; 1 a joint at most."""
 
     fit: BlockFit
     losses: FloatArray
@@ -98,11 +98,11 @@ def fit_motion(
     own = np.array([table[:, 0, -1, -1].sum() for table in sums.squares])
     safe = np.where(own > 0.0, own if sizes is None else sizes, np.inf)
     whole = np.broadcast_to(fit.values, (len(fold), len(fit.values)))
-    return TriedFit(
-        fit=fit,
-        losses=regression.measure_left(sums, fit.folds[fold])[:, :, 0].T / safe,
-        squares=regression.measure_left(sums, whole)[:, :, 0].sum(axis=1) / safe,
-    )
+    losses = regression.measure_left(sums, fit.folds[fold])[:, :, 0].T / safe
+    squares = regression.measure_left(sums, whole)[:, :, 0].sum(axis=1) / safe
+    # What predicts worse than nothing explains nothing.
+    most = np.maximum(losses.sum(axis=0), 1.0)
+    return TriedFit(fit=fit, losses=losses / most, squares=np.minimum(squares, 1.0))
 
 
 def evaluate_motion(library: Library, motion: ThinMotion) -> FloatArray:
@@ -247,12 +247,13 @@ def find_causes(
 
 
 def holds(trial: TriedHypothesis, joints: list[int]) -> bool:
-    """Return whether a hypothesis surely predicts no joint worse, and its prediction of joints is usable."""
+    """Return whether a hypothesis surely predicts no joint worse, and all joints and its own are usable."""
     after, before = trial.found.losses, trial.before.losses
     sure = np.array(judge.adjust_chances(judge.compare(after, before).p.tolist())) < POLICY.alarm
     more = np.sqrt(after.sum(axis=0)) - np.sqrt(before.sum(axis=0))
     spoilt = sure & (more > POLICY.relevance)
-    return not spoilt.any() and measure_percent(after, joints) <= POLICY.usable
+    own = [joint for joint in trial.hypothesis.joints or joints if joint in joints]
+    return not spoilt.any() and max(measure_percent(after, part) for part in (joints, own)) <= POLICY.usable
 
 
 def measure_percent(losses: FloatArray, joints: list[int]) -> float:
@@ -305,13 +306,14 @@ def measure_shares(library: Library, motion: ThinMotion, columns: FloatArray, fi
 def mask_impossible(library: Library, motion: ThinMotion, fit: BlockFit) -> NDArray[np.bool_]:
     """Return the joints (n,) that a fit has surely driven by friction, or with a negative inertia."""
     shares = measure_shares(library, motion, evaluate_motion(library, motion), fit)
-
-    def is_sure(joint: int, which: int) -> bool:
-        value, changes = float(shares.values[joint, which]), shares.changes[:, joint, which]
-        return value < 0.0 and judge.agree_in_value(value, changes, 1.0).verdict is judge.Agreement.DIFFERENT
-
-    joints = range(motion.q.shape[1])
-    return np.array([is_sure(joint, 0) or is_sure(joint, 1) for joint in joints], dtype=np.bool_)
+    pairs = zip(
+        shares.values.ravel().tolist(), shares.changes.reshape(len(shares.changes), -1).T, strict=True
+    )
+    found = [judge.agree_in_value(value, changes, 1.0) for value, changes in pairs]
+    chances = judge.adjust_chances([one.p for one in found])
+    told = [replace(one, p=p).verdict for one, p in zip(found, chances, strict=True)]
+    sure = np.reshape([verdict is judge.Agreement.DIFFERENT for verdict in told], (-1, 2))
+    return np.asarray(np.any(sure & (shares.values < 0.0), axis=1))
 
 
 def list_terms(library: Library, motion: ThinMotion, values: FloatArray) -> Iterator[Hypothesis]:
@@ -433,8 +435,7 @@ def _list_sizes(
             cause, remedy = f"positions of joint {name!r} are in {what}", "state its factor in [log.position]"
             family, undone = f"unit of position {name}", _scale_position(motion, np.where(unit, factor, 1.0))
             yield Hypothesis("log.wrong-unit", family, cause, remedy, undone, (joint,))
-    powers = np.linspace(-_DECADES, _DECADES, 2 * _STEPS + 1)
-    powers = powers[powers != 0.0]
+    powers = np.delete(np.linspace(-_DECADES, _DECADES, 2 * _STEPS + 1), _STEPS)
     for joint, unit in enumerate(units) if count > 1 else ():
 
         def scale_torque(power: float, unit: FloatArray = unit) -> ThinMotion:
@@ -451,8 +452,7 @@ def _list_sizes(
         return replace(motion, dq=motion.dq / factor, ddq=motion.ddq / factor**2)
 
     # Within a decade, but for none.
-    powers = np.linspace(-1.0, 1.0, _STEPS + 1)
-    times = search(scale_times, powers[powers != 0.0])
+    times = search(scale_times, np.delete(np.linspace(-1.0, 1.0, _STEPS + 1), _STEPS // 2))
     for power in (times, float(_DECADES), -float(_DECADES)):
         cause = f"the times of the log are about {10.0**-power:.3g} times what they should be"
         remedy = f"multiply them by {10.0**power:.3g} (unit of [log.time])"

@@ -153,17 +153,20 @@ def test_logs_without_a_mistake_name_none(library, logs):
     assert found.causes == ()
 
 
+def find_all(logs):
+    """Return the causes of thinned logs of two links, of all hypotheses."""
+    motion = logs.motion
+    base = fit_motion(evaluate_motion(LIBRARY, motion), motion, logs.fold)
+    terms = list_terms(LIBRARY, motion, base.fit.values)
+    every = [*suspect_logs(LIBRARY, motion, logs.log), *list_mistakes(LIBRARY, motion, logs.fold), *terms]
+    assert len(every) >= 40
+    return find_causes(LIBRARY, motion, logs.fold, every)
+
+
 @pytest.mark.parametrize("seed", range(4))
 def test_no_hypothesis_explains_a_clean_log(seed):
     """All are tried, whatever speaks for it."""
-    logs = thin(LIBRARY, record(seed, torque=0.5))
-    base = fit_motion(evaluate_motion(LIBRARY, logs.motion), logs.motion, logs.fold)
-    every = [
-        *list_mistakes(LIBRARY, logs.motion, logs.fold),
-        *list_terms(LIBRARY, logs.motion, base.fit.values),
-    ]
-    assert len(every) >= 40
-    assert find_causes(LIBRARY, logs.motion, logs.fold, every) == ()
+    assert find_all(thin(LIBRARY, record(seed, torque=0.5))) == ()
 
 
 TERMS = {"velocity": lambda dq: 0.4 * np.abs(dq) + 0.15 * (dq > 0.0), "position": None}
@@ -273,15 +276,6 @@ def test_a_rival_is_not_excluded_by_a_short_log(library, logs, monkeypatch):
         assert len(find_causes(library, late.motion, late.fold, [undone, rival])) == named
 
 
-def find_all(logs):
-    """Return the causes of thinned logs of two links, of all hypotheses."""
-    motion = logs.motion
-    base = fit_motion(evaluate_motion(LIBRARY, motion), motion, logs.fold)
-    terms = list_terms(LIBRARY, motion, base.fit.values)
-    every = [*suspect_logs(LIBRARY, motion, logs.log), *list_mistakes(LIBRARY, motion, logs.fold), *terms]
-    return find_causes(LIBRARY, motion, logs.fold, every)
-
-
 def test_logs_of_different_robots_contradict_each_other():
     heavier = TWO_LINK_TRUTH * np.where(np.arange(len(TWO_LINK_TRUTH)) < 3, 1.3, 1.0)
     for truth, codes in ((heavier, ["identify.logs"]), (TWO_LINK_TRUTH, [])):
@@ -307,4 +301,9 @@ def test_a_joint_is_spoilt_by_what_matters_of_its_torque(after, kept):
         TriedFit(fit=None, losses=np.tile(np.square(left) / 24.0, (24, 1)), squares=np.square(left))
         for left in ([0.3, 0.014], [0.01, after])
     )
-    assert holds(TriedHypothesis(None, before, found, 0.0, 2.0, 2.0), [0, 1]) == kept
+    undone = Hypothesis("log.joint-zero", "zero", "a cause", "a remedy", None)
+    assert holds(TriedHypothesis(undone, before, found, 0.0, 2.0, 2.0), [0, 1]) == kept
+    # The joint that it touches must be explained, not the mean alone.
+    poor = replace(found, losses=np.tile(np.square([0.31, 0.01]) / 24.0, (24, 1)))
+    assert holds(TriedHypothesis(undone, before, poor, 0.0, 2.0, 2.0), [0, 1])
+    assert not holds(TriedHypothesis(replace(undone, joints=(0,)), before, poor, 0.0, 2.0, 2.0), [0, 1])
