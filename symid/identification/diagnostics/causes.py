@@ -52,8 +52,7 @@ _STEPS = 8
 """Zeros in a turn, times in two decades, sizes of a torque that are searched; octaves of delays."""
 NO_FRICTION, GRAVITY, TERM = "robot.no-friction", "robot.gravity", "identify.structure"
 LOGS, DELAY = "identify.logs", "log.torque-delay"
-FREE = (TERM, LOGS)
-"""Codes of what has values of its own."""
+FREE = (TERM, LOGS)  # codes of what has values of its own
 TORQUE_SIGN, POSITION_SIGN = "log.torque-sign", "log.position-sign"
 
 
@@ -334,7 +333,8 @@ def list_terms(library: Library, motion: ThinMotion, values: FloatArray) -> Iter
             for own in parts
         ]
         for name, family in FAMILIES.items():
-            if name == OTHER_VALUES:
+            # No model lacks the size of a torque, or a delay: these are mistakes.
+            if name in {OTHER_VALUES, "scale", "delay"}:
                 continue
             built = [family.build(part) for part in motions]
             if not built[0]:

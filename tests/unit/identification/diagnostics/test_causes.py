@@ -159,7 +159,7 @@ def find_all(logs):
     base = fit_motion(evaluate_motion(LIBRARY, motion), motion, logs.fold)
     terms = list_terms(LIBRARY, motion, base.fit.values)
     every = [*suspect_logs(LIBRARY, motion, logs.log), *list_mistakes(LIBRARY, motion, logs.fold), *terms]
-    assert len(every) >= 40
+    assert len(every) >= 36
     return find_causes(LIBRARY, motion, logs.fold, every)
 
 
