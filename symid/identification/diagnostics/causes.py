@@ -10,7 +10,7 @@ undone, or with the columns of the term at one joint. It is accepted where
 
 Of those accepted the one that leaves least is named alone if every hypothesis of another family leaves at
 least 2 times as much of these joints; else all that leave less are named together, and no remedy is given.
-None is named if with that one a joint is surely predicted worse, or more than 30 % of all torque is left.
+None is named if with that one a joint is surely worse, or over 30 % is left of all torque or of its joints.
 Where a fit has values that no robot has, a wrong sign that cures them and predicts as well is accepted, too.
 
 Torque columns that change linearly (signs, order, units) are algebra on sums of products; zeros, signs and

@@ -104,6 +104,7 @@ def list_causes(  # noqa: PLR0917 - what was fitted, and what it is judged by
 ) -> tuple[estimators.Cause, ...]:
     """Return what explains the logs better: all is tried where something is odd, or gravity differs."""
     odd = bool(evidence.impossible) or evidence.unexplained > 100.0 * POLICY.relevance
+    odd |= any(entry.held_out > POLICY.usable for entry in evidence.joints)
     odd |= any(entry.verdict == Agreement.DIFFERENT.value for entry in evidence.tests)
     # Another direction that predicts no better may stand for a zero that is off; one that is not sure, or too
     # small to matter, for anything that a joint with little torque lacks.

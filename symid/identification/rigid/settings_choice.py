@@ -207,7 +207,6 @@ def _choose_trial(
     limit = 100.0 * (_measure_share(best.losses) + judge.POLICY.relevance)
     good = [k for k, entry in enumerate(found) if entry.p >= judge.POLICY.caution or entry.held_out <= limit]
     pool = [place for place in good if found[place].consistent > judge.POLICY.caution] or good
-
     level = max(trials[place].level for place in pool)
     widest = [place for place in pool if trials[place].level == level]
     changes = np.stack([trials[place].fit.changes for place in widest])
