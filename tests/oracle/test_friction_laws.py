@@ -7,11 +7,10 @@ import numpy as np
 import pytest
 
 from symid.codegen.c_library import build_law_program, generate_friction_laws
-from symid.joint_models.carriers import OperatorCarrier
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_columns
 from tests.builds import run
-from tests.friction_forms import EVERY_LAW
+from tests.friction_forms import EVERY_LAW, build_carrier
 
 STRICT = "-std=c99 -O2 -fPIC -shared -Wall -Wextra -Wpedantic -Wconversion -Wshadow -Wdouble-promotion"
 STRICT += " -Wmissing-prototypes -Werror"
@@ -21,14 +20,7 @@ LAWS = (
     get_law("stribeck", smoothing=0.02),
     get_law("asymmetric", smoothing=0.003),
 )
-EXACT = OperatorCarrier(
-    zero=mpmath.mpf(0),
-    one=mpmath.mpf(1),
-    **{name: getattr(mpmath, name) for name in ("exp", "tanh", "sin", "cos", "sign")},
-    absolute=abs,
-    maximum=max,
-    minimum=min,
-)
+EXACT = build_carrier(mpmath, mpmath.mpf, absolute=abs, maximum=max, minimum=min)
 EACH_LAW = pytest.mark.parametrize("law", LAWS, ids=lambda law: f"{law.name}-{law.smoothing:g}")
 
 

@@ -10,8 +10,9 @@ undone, or with the columns of the term at one joint. It is accepted where
 
 Of those accepted the one that leaves least is named alone if every hypothesis of another family leaves at
 least 2 times as much of these joints; else all that leave less are named together, and no remedy is given.
-None is named if with that one a joint is surely worse, or over 30 % is left of all torque or of its joints.
-Where a fit has values that no robot has, a wrong sign that cures them and predicts as well is accepted, too.
+None is named if a low-pass of torques, up to the second order, is among these, which is no mistake of a log;
+if with that one a joint is surely worse; or if over 30 % is left of all torque or of its joints.
+Where a fit that is usable has values that no robot has, a wrong sign that cures them is accepted, too.
 
 Torque columns that change linearly (signs, order, units) are algebra on sums of products; zeros, signs and
 order of positions, units, times and delays evaluate the regressor anew, along thinned logs.
@@ -61,7 +62,8 @@ class Hypothesis:
     """A mistake undone, or a term added.
 
     Args:
-        code, cause, remedy: as in `Cause`; family: of hypotheses that are one mistake in several sizes.
+        code, cause, remedy: as in `Cause`; none is named where one without a cause explains as much.
+        family: of hypotheses that are one mistake in several sizes.
         joints: numbers of those whose torque it touches, none for all.
         motion: the logs as they would be; columns: (t, n, p) of the model along them, None to evaluate them.
         sizes: (n,) squares of torque that losses are relative to, None for those of `motion`.
@@ -198,11 +200,12 @@ def find_causes(
     cured = [
         place
         for place, trial in enumerate(trials)
-        # By algebra a sign of torques leaves as much; of others a cure is chance.
+        # By algebra a sign of torques leaves as much, before and after; of others a cure is chance.
         if place not in passed
         and trial.hypothesis.code in {TORQUE_SIGN, POSITION_SIGN}
         and np.any(bad & mask_joints(trial.hypothesis))
         and holds(trial, moving)
+        and holds(trial._replace(found=trial.before), moving)
         and is_sound(place)
     ]
     passed = [*(place for place in passed if is_sound(place)), *cured] or passed
@@ -234,6 +237,8 @@ def find_causes(
         better = other.family not in alike or left(place, own) < left(alike[other.family], own)
         if better and mask_left(place)[own].sum() <= mask_left(best)[own].sum():
             alike[other.family] = place
+    if not all(trials[place].hypothesis.cause for place in alike.values()):
+        return ()
     causes = []
     for place in sorted(alike.values(), key=lambda place: left(place, moving)):
         entry = trials[place].hypothesis
@@ -442,7 +447,8 @@ def _list_sizes(
             return _scale_torque(motion, np.where(unit, 10.0**power, 1.0))
 
         power = search(scale_torque, powers)
-        cause = f"the torque of joint {names[joint]!r} is about {10.0**-power:.2g} times what it should be"
+        size = np.format_float_positional(10.0**-power, 2, fractional=False, trim="-")
+        cause = f"the torque of joint {names[joint]!r} is about {size} times what it should be"
         remedy = "state its unit, factor or gear in [log.torque]"
         family, undone = f"unit of torque {names[joint]}", scale_torque(power)
         yield Hypothesis("log.wrong-unit", family, cause, remedy, undone, (joint,), tried=len(powers))
@@ -473,6 +479,16 @@ def _list_sizes(
         remedy = "shift them in the log; `symid check` states the delay"
         undone = shift_torques(motion, sign * delay)
         yield Hypothesis(DELAY, "delay", cause, remedy, undone, tried=len(delays))
+    slopes = np.zeros((*motion.tau.shape, 2))
+    for run in np.unique(motion.run):
+        own = np.flatnonzero(motion.run == run)
+        time = np.arange(len(own)) * motion.period
+        spline = CubicSpline(time, motion.tau[own])
+        slopes[own] = np.stack([spline(time, 1), spline(time, 2)], axis=2)
+    filtered = np.concatenate([evaluate_motion(library, motion), slopes], axis=2)
+    # A filter lags: tau + a dtau/dt + b d2tau/dt2, its input, has a > 0.
+    if fit_motion(filtered, motion, fold).fit.values[-2] < 0.0:
+        yield Hypothesis(DELAY, "low-pass", "", "", motion, columns=filtered)
     # A whole turn changes nothing.
     zeros = np.linspace(-np.pi, np.pi, _STEPS + 1)[1:]
     for joint, unit in enumerate(units):

@@ -238,7 +238,6 @@ _EXACT = {
 _DRAWN: dict[str, Callable[..., FrictionSearch]] = {
     "genetic": partial(searches.search_by_population, anneal=False),
     "annealing": partial(searches.search_by_population, anneal=True),
-    "differential-evolution": searches.search_by_evolution,
 }
 ESTIMATORS, STOCHASTIC = (*_EXACT, *_DRAWN), frozenset(_DRAWN)
 

@@ -11,7 +11,7 @@ J a kink wherever its edge passes a sample: the edge is set onto the kinks next 
 friction changes its sign at a velocity that is searched, J jumps: the intervals between jumps are tried. Root
 finding (Table 2 of Zhang, Hu and Zou (2021)) scans h and finds each root by Brent's method.
 
-Over all parameters between bounds: Ipopt, genetic, annealing, evolution.
+Over all parameters between bounds: Ipopt, genetic, annealing.
 
     nlp        min_x J(x), lower <= x <= upper, over the physical parameters x, so that fS >= 0, fC >= 0 hold
                f(x) = |y - Q R t(x)|^2 / scale, t(x) = sum_k c_k(x) Phi_k(v; s(x)), (c, s) = mixing^-1 x
@@ -21,7 +21,6 @@ Over all parameters between bounds: Ipopt, genetic, annealing, evolution.
     annealing  the same, then each candidate x moves to a neighbour x' if dJ < 0 or u < exp(-dJ / T), T_0 =
                J_max - J_min of the first generation, T_g+1 = cooling T_g; the best one never moves uphill
                (Metropolis et al. 1953; Kirkpatrick, Gelatt and Vecchi, Science 220 (1983) 671-680)
-    evolution  differential evolution of SciPy (Storn and Price, J. Global Optim. 11 (1997) 341-359)
 
 The same state of the generator gives the same result; optima in a kink are not found to full precision.
 Supported: up to three free shape values in variable projection, dependent columns.
@@ -502,33 +501,3 @@ def search_by_population(
     settings |= {"cooling": options.cooling} if anneal else {}
     least = float(objectives[best])
     return box.build_search(options.iterations, genes[best], least, converged=converged, **settings)
-
-
-def search_by_evolution(
-    problem: FrictionProblem, options: FrictionOptions, generator: np.random.Generator
-) -> FrictionSearch:
-    """Return the best candidate of differential evolution."""
-    box = UnitBoxProblem(problem)
-
-    def compute_objectives(genes: FloatArray) -> FloatArray:
-        objectives = box.compute_objectives(np.atleast_2d(genes.T))
-        box.history.append(min(*box.history[-1:], float(np.min(objectives)), np.inf))
-        return objectives
-
-    answer = scipy.optimize.differential_evolution(
-        compute_objectives,
-        [(0.0, 1.0)] * box.size,
-        maxiter=options.iterations,
-        popsize=options.population,
-        tol=numerics.CONVERGED,
-        seed=generator,
-        # With SciPy's own defaults, best1bin and 0.7, 4 of 40 draws failed.
-        strategy=(strategy := "randtobest1bin"),
-        recombination=0.9,
-        polish=False,
-        vectorized=True,
-        updating="deferred",
-    )
-    settings: dict[str, float | str] = {"population": options.population * box.size, "strategy": strategy}
-    found = float(answer.fun), bool(answer.success)
-    return box.build_search(options.iterations, answer.x, found[0], converged=found[1], **settings)

@@ -8,7 +8,7 @@ import pytest
 
 from symid.codegen.c_library import build_step_program, generate_friction_state
 from symid.codegen.programs import count_operations
-from symid.joint_models.carriers import OperatorCarrier, build_float_carrier
+from symid.joint_models.carriers import build_float_carrier
 from symid.joint_models.dynamic_friction import (
     DYNAMIC_LAWS,
     build_held_path,
@@ -19,19 +19,13 @@ from symid.joint_models.dynamic_friction import (
     simulate_dynamic_friction,
 )
 from tests.builds import run
+from tests.friction_forms import build_carrier
 
 STRICT = ("-std=c99", "-fPIC", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow")
 STRICT += ("-Wdouble-promotion", "-Wmissing-prototypes", "-Werror")
 VALUES = {"dahl": (2e4, 7.0), "lugre": (1e4, 80.0, 10.0, 15.0, 0.02, 1.7, 4.0)}
 OK, NULL, PARAMETER, INPUT = range(4)
-EXACT = OperatorCarrier(
-    zero=mpmath.mpf(0),
-    one=mpmath.mpf(1),
-    **{name: getattr(mpmath, name) for name in ("exp", "tanh", "sin", "cos", "sign")},
-    absolute=abs,
-    maximum=max,
-    minimum=min,
-)
+EXACT = build_carrier(mpmath, mpmath.mpf, absolute=abs, maximum=max, minimum=min)
 
 
 class Compiled:

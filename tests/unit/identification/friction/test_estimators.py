@@ -259,7 +259,7 @@ def test_the_direction_and_the_slow_ones_are_counted_among_rows(code):
     assert code not in tell(fit_friction(whole, law, options=options).notices)
 
 
-@pytest.mark.parametrize("estimator", ["nlp", "genetic", "annealing", "differential-evolution"])
+@pytest.mark.parametrize("estimator", ["nlp", "genetic", "annealing"])
 def test_a_value_that_a_bound_holds_is_told(estimator):
     law = get_law("coulomb-viscous")
     samples = draw_samples(law, (11.0, -2.0), build_cosines(0.5), noise=0.1)

@@ -11,7 +11,6 @@ from symid.errors import UsageError
 from symid.identification.friction.problem import FrictionOptions, Projector, build_problem
 from symid.identification.friction.searches import (
     build_nlp,
-    search_by_evolution,
     search_by_nlp,
     search_by_population,
     search_by_projection,
@@ -197,24 +196,16 @@ def test_without_a_root_the_better_end_is_kept():
     assert search.shape[0] == pytest.approx(0.1)
 
 
-SEARCHES = {
-    "genetic": partial(search_by_population, anneal=False),
-    "annealing": partial(search_by_population, anneal=True),
-    "evolution": search_by_evolution,
-}
-
-
-@pytest.mark.parametrize("name", SEARCHES)
-def test_the_history_falls_the_counts_agree_and_the_same_generator_gives_the_same_bits(name):
+@pytest.mark.parametrize("anneal", [False, True])
+def test_the_history_falls_the_counts_agree_and_the_same_generator_gives_the_same_bits(anneal):
     problem = build_problem(*draw_s1(), OPTIONS)
-    find = SEARCHES[name]
+    find = partial(search_by_population, anneal=anneal)
     search, again = (find(problem, OPTIONS, np.random.default_rng(1)) for _ in range(2))
     assert (search.linear, search.history) == (again.linear, again.history)
     assert np.all(np.diff(search.history) <= 0.0)
     assert search.history[-1] == pytest.approx(search.objective)
     population = dict(search.settings)["population"]
-    rounds = {"genetic": 1, "annealing": 2, "evolution": 1}[name]
-    assert search.evaluations == population * (1 + rounds * search.iterations)
+    assert search.evaluations == population * (1 + (2 if anneal else 1) * search.iterations)
     assert (search.solves, search.outcome) == (0, Ending.STAGNATED)
     # Too few generations are told.
     end = find(problem, replace(OPTIONS, iterations=3), np.random.default_rng(0))
