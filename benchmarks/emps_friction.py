@@ -17,10 +17,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-
-from symid.identification.friction.estimators import fit_friction
-from symid.identification.friction.joint_fit import FrictionSamples
-from symid.identification.friction.output_error import (
+from axis_simulation import (
     AxisModel,
     AxisRun,
     AxisTrial,
@@ -29,11 +26,15 @@ from symid.identification.friction.output_error import (
     build_axis_run,
     build_axis_samples,
     choose_axis_trial,
+    compute_relative_residual,
     compute_window_rmse,
     fit_whole_run,
     try_axis_model,
 )
-from symid.identification.friction.selection import CANDIDATE_LAWS, compute_relative_residual, select_law
+
+from symid.identification.friction.estimators import fit_friction
+from symid.identification.friction.joint_fit import FrictionSamples
+from symid.identification.friction.selection import CANDIDATE_LAWS, select_law
 from symid.joint_models.friction_catalogue import get_law
 from symid.logs.reader import read_recording
 from symid.logs.recording import Recording

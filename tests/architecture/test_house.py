@@ -7,8 +7,8 @@ import pytest
 from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
-    "files of symid/": 225,
-    "lines": 81_984,
+    "files of symid/": 224,
+    "lines": 81_517,
     "imports inside functions": 76,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
     "lines of tests": 57_077,  # Faults of samples, and plants of the judge, are tested on their own.

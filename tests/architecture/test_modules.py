@@ -19,7 +19,7 @@ SYMBOLIC_MODULES = frozenset(
     {f"symid.identification.{name}" for name in ("compare", "export", "identified", "payload")}
 )
 # Problems of CasADi, which are loaded when one is posed.
-SYMBOLIC_MODULES |= {"symid.identification.elastic.nlp", "symid.identification.friction.output_error"}
+SYMBOLIC_MODULES |= {"symid.identification.elastic.nlp"}
 SYMBOLIC = frozenset({"sympy", "casadi"})
 
 

@@ -8,16 +8,17 @@ DATA_EMPS_PULSES is only ever foretold.
 import numpy as np
 import pytest
 
-from symid.identification.friction import output_error
+from benchmarks import axis_simulation
+from benchmarks.axis_simulation import compute_relative_residual
 from symid.identification.friction.estimators import fit_friction
 from symid.identification.friction.problem import FrictionOptions
-from symid.identification.friction.selection import compute_relative_residual, select_law
+from symid.identification.friction.selection import select_law
 from symid.joint_models.friction_catalogue import get_law
 
 
 @pytest.fixture(scope="module")
 def samples(emps_logs, emps):
-    return [output_error.build_axis_samples(recording, emps.processing) for recording in emps_logs]
+    return [axis_simulation.build_axis_samples(recording, emps.processing) for recording in emps_logs]
 
 
 @pytest.mark.parametrize(
@@ -56,27 +57,27 @@ def test_blocks_held_back_choose_friction_by_direction(samples):
     assert held["asymmetric"] < 3.2 < held["stribeck+offset"] < held["coulomb-viscous-offset"]
 
 
-FOUR = output_error.AxisModel(law=get_law("coulomb-viscous-offset"))
-CHOSEN = output_error.AxisModel(law=get_law("asymmetric"), terms=("drift",))
+FOUR = axis_simulation.AxisModel(law=get_law("coulomb-viscous-offset"))
+CHOSEN = axis_simulation.AxisModel(law=get_law("asymmetric"), terms=("drift",))
 # Shorter windows before these and restarts end no lower.
 PLANS = {
-    FOUR: output_error.SearchPlan(cutoff=100.0, lengths=(6.2,), restarts=0),
-    CHOSEN: output_error.SearchPlan(cutoff=100.0, lengths=(3.1, 6.2), restarts=0),
+    FOUR: axis_simulation.SearchPlan(cutoff=100.0, lengths=(6.2,), restarts=0),
+    CHOSEN: axis_simulation.SearchPlan(cutoff=100.0, lengths=(3.1, 6.2), restarts=0),
 }
 PUBLISHED = np.array([95.1089, 203.5034, 20.3935, -3.1648])
 
 
 def foretell(model, values, recording):
     """Return the error of the position simulated from the force and 20 samples, mm."""
-    run = output_error.build_axis_run(recording)
-    return 1e3 * output_error.compute_window_rmse(model, np.array(values), run)
+    run = axis_simulation.build_axis_run(recording)
+    return 1e3 * axis_simulation.compute_window_rmse(model, np.array(values), run)
 
 
 @pytest.fixture(scope="module")
 def fits(emps_logs):
-    run = output_error.build_axis_run(emps_logs[0])
+    run = axis_simulation.build_axis_run(emps_logs[0])
     return {
-        model.name: output_error.fit_whole_run(model, run, plan, generator=np.random.default_rng(0))
+        model.name: axis_simulation.fit_whole_run(model, run, plan, generator=np.random.default_rng(0))
         for model, plan in PLANS.items()
     }
 

@@ -25,24 +25,12 @@ if TYPE_CHECKING:
         compute_cramer_rao as compute_cramer_rao,
         compute_law_sensitivities as compute_law_sensitivities,
     )
-    from symid.identification.friction.output_error import (
-        AxisModel as AxisModel,
-        SearchPlan as SearchPlan,
-        build_axis_run as build_axis_run,
-        build_axis_samples as build_axis_samples,
-        choose_axis_trial as choose_axis_trial,
-        compute_window_rmse as compute_window_rmse,
-        fit_whole_run as fit_whole_run,
-        simulate_axis as simulate_axis,
-        try_axis_model as try_axis_model,
-    )
     from symid.identification.friction.poses import CONFIDENCE as CONFIDENCE, PoseTest as PoseTest
     from symid.identification.friction.presliding import fit_presliding as fit_presliding
     from symid.identification.friction.problem import (
         FrictionOptions as FrictionOptions,
         build_problem as build_problem,
     )
-    from symid.identification.friction.selection import compute_relative_residual as compute_relative_residual
 else:
     from symid.lazy import load_names
 

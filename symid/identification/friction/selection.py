@@ -74,15 +74,6 @@ def measure_motion(
     return MotionResidual.measure(samples.joint, unit, errors, phases, int(np.sum(~kept)))
 
 
-def compute_relative_residual(
-    samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate
-) -> float:
-    """Return the residual of an estimate on the rows of `samples`, in percent of their norm."""
-    torque = samples.rows.torque
-    left = torque - predict_rows(samples, law, estimate)
-    return 100.0 * float(np.linalg.norm(left) / np.linalg.norm(torque))
-
-
 def select_law(
     samples: FrictionSamples,
     names: Sequence[str] = CANDIDATE_LAWS,

@@ -8,9 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 from scipy.integrate import solve_ivp
 
-from symid.errors import LogError, UsageError
-from symid.identification.friction.estimators import fit_friction
-from symid.identification.friction.output_error import (
+from benchmarks.axis_simulation import (
     GIVEN,
     AxisModel,
     AxisRun,
@@ -22,6 +20,7 @@ from symid.identification.friction.output_error import (
     choose_axis_trial,
     compute_force_columns,
     compute_output_error,
+    compute_relative_residual,
     compute_window_rmse,
     fit_output_error,
     fit_whole_run,
@@ -29,7 +28,8 @@ from symid.identification.friction.output_error import (
     split_windows,
     try_axis_model,
 )
-from symid.identification.friction.selection import compute_relative_residual
+from symid.errors import LogError, UsageError
+from symid.identification.friction.estimators import fit_friction
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
 from symid.logs.recording import Recording

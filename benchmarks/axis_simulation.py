@@ -25,7 +25,8 @@ from scipy.optimize import least_squares
 
 from symid.arrays import FloatArray, freeze_fields
 from symid.errors import LogError, Notice, UsageError
-from symid.identification.friction.joint_fit import FrictionSamples, build_reduction
+from symid.identification.friction.joint_fit import FrictionEstimate, FrictionSamples, build_reduction
+from symid.identification.friction.selection import predict_rows
 from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import solve_scaled
 from symid.identification.rigid import choose_plainest
@@ -47,6 +48,15 @@ AXIS_TERMS: dict[str, Callable[[Any, Mapping[str, Any]], Any]] = {
     "bend": lambda carrier, inputs: carrier.mul(AXIS_TERMS["slope"](carrier, inputs), inputs["position"]),
 }
 """Forces beside the law, linear in one value each: columns from velocity, position and time."""
+
+
+def compute_relative_residual(
+    samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate
+) -> float:
+    """Return the residual of an estimate on the rows of `samples`, in percent of their norm."""
+    torque = samples.rows.torque
+    left = torque - predict_rows(samples, law, estimate)
+    return 100.0 * float(np.linalg.norm(left) / np.linalg.norm(torque))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -123,7 +133,7 @@ def simulate_axis(
 
 
 @lru_cache(maxsize=64)
-def _build_run(model: AxisModel, steps: int, period: float, *, rates: bool) -> Any:  # noqa: ANN401  # a function of casadi
+def _build_run(model: AxisModel, steps: int, period: float, *, rates: bool) -> Any:  # a function of casadi
     count = len(model.parameters)
     state, inputs = casadi.SX.sym("z", 2), casadi.SX.sym("u", 2)
     values = casadi.SX.sym("p", count)
@@ -146,19 +156,19 @@ def _build_run(model: AxisModel, steps: int, period: float, *, rates: bool) -> A
     return step.mapaccum("run", steps)
 
 
-def _move(friction: Any, state: Any, force: Any, time: Any, values: Any, period: float) -> Any:  # noqa: ANN401, PLR0917  # expressions of casadi
+def _move(friction: Any, state: Any, force: Any, time: Any, values: Any, period: float) -> Any:  # noqa: PLR0917  # expressions of casadi
     """Return the state after a step: one motion, or one up to rest and what follows."""
     position, speed = state[0], state[1]
     # Where the axis is halfway: forces of the position are right to the square of the step.
     half = position + 0.5 * period * speed
     moment = time + 0.5 * period
 
-    def compute_side(place: Any) -> Any:  # noqa: ANN401
+    def compute_side(place: Any) -> Any:
         above, _ = friction(numerics.EXACT, place, force, moment, values)
         below, _ = friction(-numerics.EXACT, place, force, moment, values)
         return (force > above) - (force < below)
 
-    def compute_motion(speed: Any, side: Any, place: Any) -> tuple[Any, Any]:  # noqa: ANN401
+    def compute_motion(speed: Any, side: Any, place: Any) -> tuple[Any, Any]:
         near = side * casadi.fmax(casadi.fabs(speed), numerics.EXACT)
         brake, slope = friction(near, place, force, moment, values)
         moving = casadi.fabs(side)
@@ -187,7 +197,7 @@ def _move(friction: Any, state: Any, force: Any, time: Any, values: Any, period:
     return casadi.vertcat(*map(partial(casadi.if_else, stops), after, (free_position, free_speed)))
 
 
-def _compute_gains(rate: Any, time: Any) -> tuple[Any, Any]:  # noqa: ANN401  # expressions of casadi
+def _compute_gains(rate: Any, time: Any) -> tuple[Any, Any]:  # expressions of casadi
     """Return the integral of exp(-rate t) over a time, and the integral of that."""
     z = -rate * time
     small = casadi.fabs(z) < _SERIES
