@@ -23,8 +23,7 @@ import casadi
 import numpy as np
 from scipy.optimize import least_squares
 
-from symid.arrays import FloatArray, freeze_fields
-from symid.errors import LogError, Notice, UsageError
+from symid.arrays import FloatArray
 from symid.identification.friction.joint_fit import FrictionEstimate, FrictionSamples, build_reduction
 from symid.identification.friction.selection import predict_rows
 from symid.identification.judge import POLICY, numerics
@@ -61,23 +60,10 @@ def compute_relative_residual(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AxisModel:
-    """A mass, a law of friction, and forces beside it (names of `AXIS_TERMS`).
-
-    Raises UsageError for a term that is unknown, given twice, or already in the law.
-    """
+    """A mass, a law of friction, and forces beside it (names of `AXIS_TERMS`)."""
 
     law: FrictionLaw
     terms: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        free = AXIS_TERMS.keys() - {parameter.name for parameter in self.law.linear}
-        wrong = [name for k, name in enumerate(self.terms) if name not in free or name in self.terms[:k]]
-        if wrong:
-            text = (
-                f"terms {', '.join(wrong)}: unknown, given twice, or already in law {self.law.name!r}; "
-                f"choose among {', '.join(AXIS_TERMS)}"
-            )
-            raise UsageError(Notice(code="usage.axis-term", text=text))
 
     @property
     def name(self) -> str:
@@ -213,26 +199,12 @@ GIVEN = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AxisRun:
-    """A recording of one axis: position (N,) m or rad, force (N,) N or N m, times in s.
-
-    Raises LogError for arrays of different length, fewer than 40 samples, numbers that are not finite.
-    """
+    """A recording of one axis: position (N,) m or rad, force (N,) N or N m, times in s."""
 
     position: FloatArray
     force: FloatArray
     period: float
     begin: float
-
-    def __post_init__(self) -> None:
-        """Copy the arrays, make them read-only, check them."""
-        freeze_fields(self)
-        size, other, text = self.position.shape, self.force.shape, ""
-        if size != other or len(size) != 1 or size[0] < 2 * GIVEN:
-            text = f"position {size} and force {other} must be alike, {2 * GIVEN} samples or more each"
-        elif not (np.all(np.isfinite(self.position)) and np.all(np.isfinite(self.force))):
-            text = "position and force must be finite numbers throughout"
-        if text:
-            raise LogError(Notice(code="friction.axis-run", text=text))
 
 
 class Window(NamedTuple):
@@ -309,12 +281,8 @@ def fit_output_error(
 ) -> OutputErrorFit:
     """Return the values with the least error of position, the best from several `starts` (p,) each.
 
-    Errors of samples in `left_out` do not count. Raises LogError for a window of fewer than 40 samples.
+    Errors of samples in `left_out` do not count.
     """
-    short = [window for window in windows if window.last - window.first < 2 * GIVEN]
-    if short or not windows:
-        text = f"windows {short}: at least one is needed, with {2 * GIVEN} samples or more each"
-        raise LogError(Notice(code="friction.axis-run", text=text))
     linear, free, shape = model.law.linear, [np.inf] * len(model.terms), model.law.shape
     # The first value is the mass.
     lower = np.array([0.0, *(one.lower for one in linear), *np.negative(free), *(one.lower for one in shape)])
@@ -419,11 +387,7 @@ def choose_axis_trial(trials: Sequence[AxisTrial]) -> AxisTrial:
 def build_axis_samples(
     recording: Recording, processing: Processing, *, terms: Sequence[str] = ()
 ) -> FrictionSamples:
-    """Return the samples of a prismatic axis, with its mass as unknown and `terms` of `AXIS_TERMS` beside it.
-
-    Raises LogError where the recording has not one joint, or cannot be filtered.
-    """
-    _check_single(recording)
+    """Return the samples of a prismatic axis, with its mass as unknown and `terms` beside it."""
     signals = prepare_signals(recording, processing)
     position, velocity = signals.q[:, 0], signals.dq[:, 0]
     inputs = {"velocity": velocity, "position": position, "time": signals.time}
@@ -444,13 +408,6 @@ def build_axis_samples(
 
 
 def build_axis_run(recording: Recording) -> AxisRun:
-    """Return position and force of an axis as recorded; raise LogError for another number of joints."""
-    _check_single(recording)
+    """Return position and force of an axis as recorded."""
     position, force, begin = recording.position[:, 0], recording.torque[:, 0], float(recording.time[0])
     return AxisRun(position=position, force=force, period=recording.period, begin=begin)
-
-
-def _check_single(recording: Recording) -> None:
-    if recording.position.shape[1] != 1:
-        text = f"the recording has {recording.position.shape[1]} joints, expected 1"
-        raise LogError(Notice(code="log.joints", text=text, file=recording.source))

@@ -183,7 +183,10 @@ class RobotModel(RobotDynamics):
         pairs = api_logs.list_pairs(settings, order)
         described, recordings = self._gather(logs, pairs, stated, train)
         options = replace(order, friction=searched)
-        found = identification.identify_robot(described, recordings, options, self.context, pairs)
+        named = stated is not None
+        found = identification.identify_robot(
+            described, recordings, options, self.context, pairs, named=named
+        )
         return build_dynamics_fit(found, self)
 
     def _gather(

@@ -169,7 +169,7 @@ def search_friction(
     """
     axes = {joint.name: joint for joint in robot.axes}
     names = friction if isinstance(friction, Mapping) else dict.fromkeys(axes, friction)
-    plain = _set_friction(robot, dict.fromkeys(axes, joint_models.FrictionValues(law=rigid.PLAIN)))
+    plain = set_friction(robot, dict.fromkeys(axes, joint_models.FrictionValues(law=rigid.PLAIN)))
     progress(f"finding friction laws ({', '.join(dict.fromkeys(names.values()))})")
     # The laws that each joint's is chosen from, or the friction that it keeps.
     wishes: dict[str, rigid.Wish] = {name: joint.friction for name, joint in axes.items()}
@@ -181,7 +181,7 @@ def search_friction(
     gears, rotors = [joint.drive.gear for joint in robot.axes], regression.list_coupled_rotors(robot)
     logs = prepare(plain), recordings, robot.processing
     choice = rigid.choose_laws(*logs, gears=gears, wishes=tuple(wishes.values()), rotors=rotors)
-    found = _set_friction(robot, {law.joint: law.friction for law in choice.joints})
+    found = set_friction(robot, {law.joint: law.friction for law in choice.joints})
     known = all(regression.list_measured_joints(recordings))
 
     def fit(found: Robot) -> _Result:
@@ -279,7 +279,7 @@ def _make_plain(robot: Robot, joints: Collection[str]) -> Robot:
     """Return the robot with the plain law at these joints."""
     values = (0.0,) * len(joint_models.get_law(rigid.PLAIN).linear)
     law = joint_models.FrictionValues(law=rigid.PLAIN, values=values)
-    return _set_friction(robot, dict.fromkeys(joints, law))
+    return set_friction(robot, dict.fromkeys(joints, law))
 
 
 def _give_up_worse(
@@ -319,7 +319,8 @@ def _give_up_worse(
     return replace(choice, joints=tuple(joints), notices=(*choice.notices, note)), found
 
 
-def _set_friction(robot: Robot, friction: Mapping[str, joint_models.FrictionValues]) -> Robot:
+def set_friction(robot: Robot, friction: Mapping[str, joint_models.FrictionValues]) -> Robot:
+    """Return the robot with other friction of joints, by name."""
     joints = (replace(joint, friction=friction.get(joint.name, joint.friction)) for joint in robot.joints)
     return replace(robot, joints=tuple(joints))
 

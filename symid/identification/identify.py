@@ -25,7 +25,7 @@ from symid.identification import (
     regression,
     rigid as rigids,
 )
-from symid.identification.estimators import Estimate, FitRecord
+from symid.identification.estimators import Estimate, FitRecord, FittedLaw
 from symid.identification.options import IdentifyOptions, LawOptions
 from symid.identification.stored import read_rigid
 from symid.robot import Robot, describe_settings
@@ -62,12 +62,19 @@ class Identification(Generic[Fit_co]):
 
 
 def identify_robot(
-    robot: Robot, recordings: Recordings, options: IdentifyOptions, context: TaskContext, pairs: Pairs = ()
+    robot: Robot,
+    recordings: Recordings,
+    options: IdentifyOptions,
+    context: TaskContext,
+    pairs: Pairs = (),
+    *,
+    named: bool = False,
 ) -> Identification[Estimate | elastics.ElasticEstimate]:
     """Return the parameters of a robot, with the settings of the call, that explain its recordings best.
 
     `pairs` are these settings, keys and values, which the robot has already; `options.friction` is a law that
-    is to be found, None where the robot has its laws. Errors are those of `RobotModel.identify`.
+    is to be found, None where the robot has its laws, of its file or `named` by the call. Errors are those of
+    `RobotModel.identify`.
     """
     estimator = options.estimator
     if any(robot.elastic):
@@ -77,13 +84,15 @@ def identify_robot(
     route = elastics.choose_route(
         robot, recordings, method=options.method, elastic=options.list_elastic(), rigid=options.list_given()
     )
-    if options.friction is not None and (route.kind == "elastic" or estimator in rigids.SIMULATING):
-        where = "elastic joints are" if route.kind == "elastic" else f"--estimator {estimator} is"
+    # Motors of elastic joints have their laws chosen in any case.
+    elastic = route.kind == "elastic" and options.friction != frictions.AUTO
+    if options.friction is not None and (elastic or estimator in rigids.SIMULATING):
+        where = "elastic joints are" if elastic else f"--estimator {estimator} is"
         raise friction_search.refuse_search(options.friction, f"is not done where {where} identified")
     if estimator in rigids.SIMULATING:
         friction_search.refuse_states(robot, f"--estimator {estimator}")
     if route.kind == "elastic":
-        return prepare_elastic_methods(robot, recordings, options, context, pairs)(route.method)
+        return prepare_elastic_methods(robot, recordings, options, context, pairs, named=named)(route.method)
     if options.known is not None:
         text = (
             f"--known cannot be used with {robot.name!r}, identified as rigid; leave it out, or use it with "
@@ -195,7 +204,13 @@ def _identify_rigid(
 
 
 def prepare_elastic_methods(
-    robot: Robot, recordings: Recordings, options: IdentifyOptions, context: TaskContext, pairs: Pairs = ()
+    robot: Robot,
+    recordings: Recordings,
+    options: IdentifyOptions,
+    context: TaskContext,
+    pairs: Pairs = (),
+    *,
+    named: bool = False,
 ) -> Callable[[str], Identification[elastics.ElasticEstimate]]:
     """Return what identifies by a method of a name; logs are aligned and equations built once for all.
 
@@ -210,7 +225,18 @@ def prepare_elastic_methods(
 
         elastic = replace(elastic, known=name_known_dynamics(options.known, robot, ready.library))
     echo = {**describe_settings(robot), **log_files.describe_runs(ready.cut)}
-    by_method = elastics.prepare_methods(ready.library, ready.moved, elastic, echo=echo)
+
+    def adopt(laws: Sequence[FittedLaw]) -> Library:
+        context.progress(
+            "taking other friction laws: " + ", ".join(f"{law.joint}: {law.law}" for law in laws)
+        )
+        return context.prepare(friction_search.set_friction(robot, {law.joint: law.friction for law in laws}))
+
+    # A law that the call names stays.
+    friction = {joint.name: joint.friction for joint in robot.axes}
+    by_method = elastics.prepare_methods(
+        ready.library, ready.moved, elastic, echo=echo, friction=friction, adopt=None if named else adopt
+    )
 
     def identify(method: str) -> Identification[elastics.ElasticEstimate]:
         context.progress(f"identifying {robot.name} from {ready.counted} by the method {method!r}")

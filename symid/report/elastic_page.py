@@ -20,7 +20,7 @@ from symid.arrays import FloatArray
 from symid.identification.elastic import ElasticEstimate, ElasticTrial, JointTrial, SpringEstimate
 from symid.report import figures, pages
 from symid.report.blocks import Block, Drawing, Table
-from symid.report.fit_text import show_effects, show_residual
+from symid.report.fit_text import show_effects, show_laws, show_residual
 from symid.report.verdict import compute_spring_share, judge_elastic
 
 if TYPE_CHECKING:
@@ -70,6 +70,7 @@ def build_elastic_page(
             *("== Parameters ==", pages.tabulate_parameters(kept)),
             *pages.draw_certainty(kept),
             *pages.show_refused(estimate.refused),
+            *show_laws(estimate.laws),
             *(("== Drives and sensors ==", show_effects(estimate)) if estimate.effects else ()),
             *(_show_tracking(estimate, tracking) if tracking else ()),
             *(() if trials else ("== Held-out logs ==", pages.UNTESTED)),

@@ -2,7 +2,7 @@
 
 import math
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from symid import joint_models
@@ -66,6 +66,16 @@ def tabulate_laws(laws: "Sequence[estimators.FittedLaw]") -> tuple[Block, ...]:
     title += "coulomb-viscous-offset."
     header = ("joint", "friction law", "held out/%", "plain/%", "best other law, %")
     return (Table(header, rows, (0, 1, 4), title),)
+
+
+def show_laws(laws: "Sequence[estimators.FittedLaw]") -> Iterator[Block]:
+    """Yield what a page shows of friction laws, and how one was chosen where there was a choice."""
+    if laws:
+        yield from ("== Friction laws ==", *tabulate_laws(laws))
+    for entry in laws:
+        if entry.selection is not None and len(entry.selection.trials) > 1:
+            title = f"=== {entry.joint}: {entry.law} ==="
+            yield from (title, entry.selection.verdict, show_law_trials(entry.selection))
 
 
 def _describe_refused(refused: "Sequence[tuple[str, str]]", key: str = "name") -> list[dict[str, str]]:
@@ -283,6 +293,7 @@ def show_elastic(estimate: "ElasticEstimate") -> tuple[Block, ...]:
         f"{estimate.robot}: {estimate.method}, condition {estimate.condition:.3g}: {estimate.outcome.value}",
         f"{estimate.reason[:1].upper()}{estimate.reason[1:]}.",
         show_elastic_parameters(estimate),
+        *tabulate_laws(estimate.laws),
         *([show_springs(estimate)] if estimate.springs else []),
         *([show_effects(estimate)] if estimate.effects else []),
         show_residual((*estimate.residual, estimate.energy)),

@@ -85,12 +85,6 @@ def build_identification_page(
         diagnosis: of the fit and its own logs.
         options: notices, origin and further fields of the page, as of `build_fit_page`.
     """
-    # How the friction law of a joint was chosen, where there was a choice.
-    choices: list[Block] = []
-    for entry in estimate.laws:
-        if entry.selection is not None and len(entry.selection.trials) > 1:
-            title = f"=== {entry.joint}: {entry.law} ==="
-            choices += [title, entry.selection.verdict, fit_text.show_law_trials(entry.selection)]
     return pages.build_fit_page(
         estimate,
         subject="identified parameters",
@@ -102,8 +96,7 @@ def build_identification_page(
             *("== Parameters ==", pages.tabulate_parameters(estimate.parameters)),
             *pages.draw_certainty(estimate.parameters),
             *pages.show_refused(estimate.refused),
-            *(("== Friction laws ==", *fit_text.tabulate_laws(estimate.laws)) if estimate.laws else ()),
-            *choices,
+            *fit_text.show_laws(estimate.laws),
             *(() if validations else ("== Held-out logs ==", pages.UNTESTED)),
         ),
         more=(

@@ -503,6 +503,8 @@ def _judge_stretches(estimate: ElasticEstimate, evidence: ElasticEvidence) -> tu
             f"model (a parameter by {apart:.2g} %)"
         )
         caps.append((_rate(apart), reason))
+    if evidence.drifting:
+        caps.append(("usable", f"friction of {', '.join(evidence.drifting)} changes during the logs"))
     if evidence.known > 1.0:
         reason = f"what was known contradicts the logs (a parameter by {known:.2g} %)"
         caps.append((min("usable", _rate(known), key=LEVELS.index), reason))

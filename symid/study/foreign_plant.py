@@ -32,6 +32,8 @@ PERIOD = 1e-3
 """s, of control and logs."""
 ENCODER_STEP = 2.0 * math.pi / 2**20
 """rad."""
+WARMING = 30.0
+"""s, in which a motor has lost 63 % of the friction that it loses while it warms up."""
 _TEETH = 100.0
 _BANDWIDTH = 2.0 * math.pi * 12.0
 _NEWTON = 3
@@ -141,7 +143,7 @@ class HiddenJoints(FrozenArrays):
     """The hidden models of all joints, (n,) each, (n, 3) of stops; zero leaves a part out.
 
     Args:
-        linear, cubic: N m/rad, N m/rad^3. gap: rad, half of the backlash.
+        linear, cubic: N m/rad, N m/rad^3; sided: N m/rad, where torsion is positive. gap: rad, half the play.
         stops, thresholds: (n, 3) N m/rad and rad; rise, slip_speed: what the thresholds gain at rest, and the
             rate of torsion (rad/s) over which they lose it; attraction: 1/s, at which slipping stops tend to
             their threshold, infinite for at once.
@@ -149,6 +151,7 @@ class HiddenJoints(FrozenArrays):
         hysteretic, width, bias: N m/rad and rad of a Bouc-Wen spring, and its asymmetry.
         branch, delay: N m/rad and s, of a Maxwell branch.
         viscous, coulomb, static, stribeck: Fv, Fc, Fs - Fc, and the Stribeck speed. smoothing: rad/s.
+        meshing: of |tau_J|, what it adds to dry friction. warm: of dry friction, lost over `WARMING` s.
         bristle, damping: N m/rad and N m s/rad, LuGre in place of a static law where the first is not zero.
         ripple, kinematic: N m and rad, 100 periods a turn. lag: s, first order, of the torque.
         eccentricity: rad, of the link encoder, once a turn. encoder_lag: s, of the same.
@@ -156,6 +159,7 @@ class HiddenJoints(FrozenArrays):
 
     linear: FloatArray
     cubic: FloatArray
+    sided: FloatArray
     gap: FloatArray
     stops: FloatArray
     thresholds: FloatArray
@@ -174,6 +178,8 @@ class HiddenJoints(FrozenArrays):
     static: FloatArray
     stribeck: FloatArray
     smoothing: FloatArray
+    meshing: FloatArray
+    warm: FloatArray
     bristle: FloatArray
     damping: FloatArray
     ripple: FloatArray
@@ -262,6 +268,9 @@ def _advance_spring(plant: "_Plant", before: _Spring, phi: FloatArray) -> _Sprin
         stored += 0.5 * knee * knee / (plant.whole * np.maximum(p.slope, 1e-9))
         loss += knee / plant.whole * slip.sum(axis=-1)
         torque = torque + knee
+    if "sided" in has:
+        torque = torque + p.sided * np.maximum(x, 0.0)
+        stored += 0.5 * p.sided * np.maximum(x, 0.0) ** 2
     inner, stretch = before.inner, before.stretch
     if "hysteretic" in has:
         part, turning = dx / p.width, _LOADING * np.sign(dx)
@@ -301,14 +310,20 @@ class _Motor(NamedTuple):
     loss: FloatArray
 
 
-def _kick_motor(plant: "_Plant", before: _Motor, net: FloatArray) -> _Motor:
-    """Return the motors after a step under the torque `net` (R, n) without friction."""
+def _kick_motor(
+    plant: "_Plant", before: _Motor, net: FloatArray, pull: FloatArray, time: FloatArray
+) -> _Motor:
+    """Return the motors after a step under the torque `net` (R, n) without friction, springs that `pull`."""
     p, has, step = plant.hidden, plant.has, plant.step
     speed = before.speed
     guess = speed + 0.5 * step * before.acceleration
     level = p.coulomb
     if "static" in has:
         level = level + p.static * np.exp(-((guess / p.stribeck) ** 2))
+    if "meshing" in has:
+        level = level + p.meshing * np.abs(pull)
+    if "warm" in has:
+        level = level * (1.0 - p.warm * (1.0 - np.exp(-time[:, None] / WARMING)))
     bristle, dry, rest = before.bristle, level, np.zeros_like(level)
     stored, lost = rest, rest
     if "bristle" in has:
@@ -343,6 +358,7 @@ class _PlantState(NamedTuple):
     motor: _Motor
     sums: FloatArray
     held: FloatArray
+    time: FloatArray
 
 
 class _Plant(NamedTuple):
@@ -381,7 +397,7 @@ def _advance_plant(plant: _Plant, s: _PlantState, command: FloatArray) -> _Plant
     else:
         spring = _advance_spring(plant, s.spring, theta - q)
         net, held = torque - spring.torque, spring.stored
-    motor = _kick_motor(plant, s.motor, net)
+    motor = _kick_motor(plant, s.motor, net, spring.torque, s.time)
     mass, bias, _ = _compute_links(plant.links, q, s.dq + 0.5 * step * s.pull)
     pull = np.asarray(np.linalg.solve(mass, (spring.torque - bias)[:, :, None])[:, :, 0], np.float64)
     dq = s.dq + step * pull
@@ -395,6 +411,7 @@ def _advance_plant(plant: _Plant, s: _PlantState, command: FloatArray) -> _Plant
         motor=motor,
         sums=s.sums + np.stack([step * torque * motor.mean, spring.loss + motor.loss]).sum(axis=2),
         held=(held + motor.stored).sum(axis=1),
+        time=s.time + step,
     )
 
 
@@ -439,7 +456,8 @@ def simulate_plant_runs(
     held = -p.ripple.sum(axis=1) / _TEETH
     motor = _Motor(zero, zero, zero, zero, zero, zero)
     sums, shape = np.zeros((2, len(zero))), zero.shape
-    state = _PlantState(zero, zero, zero, zero, zero, spring, motor, sums, held)
+    begun = np.zeros(len(motions))
+    state = _PlantState(zero, zero, zero, zero, zero, spring, motor, sums, held, begun)
     log, energy = np.zeros((6, ticks, *shape)), np.zeros((3, ticks, len(motions)))
     for tick in range(ticks):
         motor, lag = state.motor, angle[tick] - np.round(state.theta / ENCODER_STEP) * ENCODER_STEP

@@ -158,10 +158,15 @@ TRUTHS: Mapping[str, Callable[[Arm, float], dict[str, FloatArray]]] = {
         "slope": np.zeros(arm.size),
     },
     "cubic": lambda arm, size: {"cubic": 0.4 * size * arm.stiffness / 8e-3**2, "slope": np.zeros(arm.size)},
+    "sided": lambda arm, size: {"sided": 0.35 * size * arm.stiffness, "slope": np.zeros(arm.size)},
     "lugre": _build_lugre,
     "dahl": lambda arm, size: {"bristle": arm.coulomb / (2e-3 * size)},
     "sharp-coulomb": lambda arm, size: {"smoothing": np.full(arm.size, 1e-3 / size)},
     "stribeck": lambda arm, size: {"static": 0.6 * size * arm.coulomb, "stribeck": np.full(arm.size, 0.1)},
+    "load-dependent": lambda arm, size: {
+        "meshing": np.full(arm.size, 0.1 * size),
+        "warm": np.full(arm.size, 0.3 * size),
+    },
     "ripple": lambda arm, size: {
         "ripple": 0.1 * size * arm.coulomb,
         "kinematic": np.full(arm.size, 1e-4 * size),

@@ -1,7 +1,5 @@
 """Output error of one axis: known values are found again, the simpler model is taken where it may be."""
 
-from dataclasses import replace
-
 import mpmath
 import numpy as np
 import pytest
@@ -12,7 +10,6 @@ from benchmarks.axis_simulation import (
     GIVEN,
     AxisModel,
     AxisRun,
-    AxisTrial,
     SearchPlan,
     Window,
     build_axis_run,
@@ -28,13 +25,11 @@ from benchmarks.axis_simulation import (
     split_windows,
     try_axis_model,
 )
-from symid.errors import LogError, UsageError
 from symid.identification.friction.estimators import fit_friction
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
 from symid.logs.recording import Recording
 from symid.robot.description import Decimation, Processing
-from tests.refusals import raises
 
 SAMPLING = 2e-3
 PLAIN = AxisModel(law=get_law("coulomb-viscous-offset"))
@@ -109,34 +104,6 @@ def test_blocks_held_back_tell_the_richer_truth():
     assert choose_axis_trial(trials).model == RICH
 
 
-def test_of_the_trials_that_none_surely_surpasses_the_one_of_the_fewest_values_is_taken():
-    held = np.random.default_rng(0).uniform(1.0, 3.0, 24)
-
-    def build(model, factors):
-        return AxisTrial(model=model, held=tuple(held * factors))
-
-    rich = build(RICH, 1.0)
-    assert rich.rmse == pytest.approx(np.linalg.norm(held) / np.sqrt(24.0))
-    # Worse in half of the parts and better in the others; worse in all of them.
-    plain = build(PLAIN, np.tile([0.9, 1.15], 12))
-    assert choose_axis_trial([rich, plain]) is plain
-    assert choose_axis_trial([rich, build(PLAIN, np.tile([1.01, 1.15], 12))]) is rich
-    better = build(PLAIN, np.tile([0.9, 1.14], 12))
-    assert choose_axis_trial([rich, plain, better]) is better
-
-
-@pytest.mark.parametrize(
-    ("position", "force"),
-    [(np.zeros(50), np.zeros(49)), (np.zeros(10), np.zeros(10)), (np.full(50, np.nan), np.zeros(50))],
-)
-def test_runs_that_cannot_be(position, force):
-    with raises(LogError, "friction.axis-run"):
-        AxisRun(position=position, force=force, period=SAMPLING, begin=0.0)
-    # Windows that are too short.
-    with pytest.raises(LogError, match="40 samples"):
-        fit_output_error(PLAIN, build_run(PLAIN, 1.0), [Window(first=0, last=30)], [TRUTH[PLAIN.name]])
-
-
 PROCESSING = Processing(
     filter_cutoff=100.0,
     filter_torque=False,
@@ -174,10 +141,6 @@ def test_a_run_is_the_recording_of_one_joint():
     assert np.array_equal(run.position, recording.position[:, 0])
     assert np.array_equal(run.force, recording.torque[:, 0])
     assert (run.period, run.begin) == (pytest.approx(1e-3), 2.0)
-    two = replace(recording, position=recording.position[:, [0, 0]], torque=recording.torque[:, [0, 0]])
-    for build in (build_axis_run, lambda entry: build_axis_samples(entry, PROCESSING)):
-        with raises(LogError, "log.joints", match=r"\b2 joints.* 1$"):
-            build(two)
 
 
 PERIOD = 1e-3
@@ -338,11 +301,3 @@ def test_without_force_the_axis_only_slows_down(speed, numbers):
     _, found = simulate_axis(APLAIN, values, np.zeros(200), PERIOD, (0.0, speed, 0.0))
     assert np.all(np.diff(np.abs(found)) <= 0.0)
     assert np.all(found * speed >= 0.0)
-
-
-@pytest.mark.parametrize("terms", [("offset",), ("wind",), ("drift", "drift")])
-def test_terms_that_cannot_stand(terms):
-    words = r"terms (offset|wind|drift): .*offset, drift, spring, slope, bend"
-    with raises(UsageError, "usage.axis-term", match=words):
-        AxisModel(law=get_law("coulomb-viscous-offset"), terms=terms)
-    assert AxisModel(law=get_law("asymmetric"), terms=("drift",)).name == "asymmetric + drift"

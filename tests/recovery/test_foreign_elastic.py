@@ -10,6 +10,8 @@ from symid.identification.elastic import ElasticOptions
 from symid.identification.elastic.effects import _build_rows, _measure_values, measure_effects
 from symid.identification.elastic.regression import DriveEffect, prepare_elastic_signals
 from symid.joint_models import run_element
+from symid.study.foreign_plant import simulate_plant_runs
+from symid.study.foreign_truths import ARMS, build_motions, build_truth, observe_plant, write_arm
 from tests.recovery.elastic_runs import identify_elastic, run_arm
 
 BENCH = """
@@ -115,6 +117,43 @@ def test_truths_of_another_simulator(shared_data, case, bar):
     for spring, phi, torque in zip(estimate.springs, torsion.T, held["true_joint_torque"].T, strict=True):
         error = run_element(spring.elasticity, phi, held["t"], start="fresh").output - torque
         assert np.linalg.norm(error) < bar * np.linalg.norm(torque)
+
+
+@pytest.fixture(scope="module", params=["load-dependent", "family"])
+def unknown(request, c_compiler):
+    """Return whether motors have friction that the robot file does not state, their robot and logs."""
+    assert c_compiler
+    arm, hidden = ARMS["2r"], build_truth(ARMS["2r"], request.param, 1.0)
+    motions = build_motions(arm.size, 0.5)[:-1]
+    robot, logs = symid.RobotModel(description=write_arm(arm)), []
+    for number, run in enumerate(simulate_plant_runs(arm, [hidden] * len(motions), motions)):
+        one = observe_plant(run, hidden, np.random.default_rng(number), source="")
+        parts = {"q": one.position, "theta": one.motor_position, "tau": one.torque}
+        logs.append(symid.build_log(robot, time=one.time, **parts))
+    return request.param == "load-dependent", robot, logs
+
+
+def test_friction_of_motors_that_the_robot_file_does_not_state(unknown, tmp_path):
+    other, robot, logs = unknown
+    fit = robot.identify(logs)
+    codes = {notice.code for notice in fit.notices}
+    assert ({"elastic.friction-law", "elastic.friction-drift"} <= codes) == other
+    names = [joint.name for joint in robot.description.axes]
+    assert [law.law for law in fit.estimate.laws] == (["load-dependent"] * 2 if other else [])
+    assert fit.estimate.evidence.drifting == (tuple(names) if other else ())
+    for entry in fit.estimate.parameters:
+        if entry.name in TRUTH:
+            assert abs(entry.value - TRUTH[entry.name]) < 0.02 * SIZES[entry.name]
+    if other:
+        assert fit.verdict.level == "usable"
+        assert "load-dependent" in str(fit)
+        assert symid.load_fit(fit.save(tmp_path / "fit.json")).estimate.laws == fit.estimate.laws
+        fit.export(tmp_path / "arm.toml")
+        taken = [joint.friction.law for joint in symid.load(tmp_path / "arm.toml").description.axes]
+        assert taken == [law.law for law in fit.estimate.laws]
+        # A law that the call names stays.
+        named = robot.identify(logs[:1], friction="coulomb-viscous", method="weighted")
+        assert named.estimate.laws == ()
 
 
 @pytest.fixture(scope="module")

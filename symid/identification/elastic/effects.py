@@ -7,6 +7,7 @@
     ripple   torque of period 2 pi / N: teeth, poles, the wave generator of a harmonic drive   any joint
     gear     torsion = theta - q + a_N cos N theta + b_N sin N theta - offset                  any joint
     link     q = its encoder's reading - a cos q - b sin q: a disc that is not centred            revolute
+    law      friction of the motor is Phi(dtheta, tau_J; s) c, or c changes with time             any joint
 
 All columns pass one zero-phase low-pass, rows of slow motors are left out. A term
 enters where stretches of time, each predicted by a fit to the others, are surely predicted better, by more
@@ -19,7 +20,7 @@ Not supported: ripple that grows with the load; encoders that run late (align th
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import compress
@@ -31,6 +32,7 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
+from symid.identification import rigid
 from symid.identification.elastic.elimination import compute_speeds, filter_band, solve_weighted
 from symid.identification.elastic.estimate import STEP, compute_covariance, differentiate_spring
 from symid.identification.elastic.regression import (
@@ -44,9 +46,17 @@ from symid.identification.elastic.regression import (
     mark_sliding,
     pass_band,
 )
+from symid.identification.estimators import FittedLaw
 from symid.identification.judge import POLICY, Gain, adjust_chances, compare, numerics
 from symid.identification.regression import solve_scaled
-from symid.joint_models import Elasticity
+from symid.joint_models import (
+    NO_FRICTION,
+    Elasticity,
+    FrictionLaw,
+    FrictionValues,
+    compute_columns,
+    get_law,
+)
 from symid.logs import differentiate_smooth, shift_channel
 
 Effects = tuple[DriveEffect, ...]
@@ -266,6 +276,168 @@ def _measure_values(rows: _Rows, found: Sequence[DriveEffect]) -> Iterator[Drive
                 continue
             number, deviations = np.array([lag + 0.5 * period]), np.array([deviation])
         yield replace(effect, values=tuple(number.tolist()), deviations=tuple(deviations.tolist()))
+
+
+MOTOR_LAWS = tuple(
+    name
+    for name in rigid.CANDIDATES
+    if set(get_law(name).inputs) <= {"velocity", "load"} and not get_law(name).shape
+)
+"""Laws that replace that of a robot file where it surely is another: those of rigid joints that speeds and
+loads show. Shape values are of friction near rest, whose rows are left out."""
+
+
+class MotorFriction(NamedTuple):
+    """Laws of motors whose friction surely is none that a robot file states, and what drifts.
+
+    Args:
+        drifting: joints whose friction changes; drift: (N, n) of every recording, N m or N, how far it is
+            from the mean.
+        beta: (p,) base parameters that laws and drift leave.
+    """
+
+    laws: tuple[FittedLaw, ...]
+    drifting: tuple[str, ...]
+    drift: tuple[FloatArray, ...]
+    beta: FloatArray
+
+
+class _MotorRows(NamedTuple):
+    """Rows of motors and links, and what columns of friction are made of at all samples.
+
+    Args:
+        rows: of all recordings; velocity: (N, n) of motors; clocks: (N,) by name, in which friction drifts.
+        beta: (p,) base parameters, of the loads at first.
+    """
+
+    library: Library
+    rows: _Rows
+    velocity: FloatArray
+    clocks: Mapping[str, FloatArray]
+    beta: FloatArray
+
+    def split(self, values: FloatArray) -> list[FloatArray]:
+        """Return the samples (N, ...) of every recording."""
+        return np.split(values, np.cumsum([len(part.time) for part in self.rows.signals])[:-1])
+
+    def reduce(self, values: FloatArray, joint: int) -> FloatArray:
+        """Return the rows (m, ...) of a joint of columns (N, ...)."""
+        pieces = zip(self.split(values), self.rows.signals, self.rows.places, strict=True)
+        edge = self.rows.edge
+        return np.concatenate(
+            [pass_band(one, part.period, edge)[at][kept[:, joint]] for one, part, (at, kept) in pieces]
+        )
+
+    def list_inputs(self, shared: FloatArray | None) -> list[Mapping[str, FloatArray]]:
+        """Return the inputs of laws of each joint, with loads of the shared parameters found last."""
+        beta = self.beta if shared is None else shared[: len(self.beta)]
+        load = np.concatenate([compute_link_torque(self.library, part, beta) for part in self.rows.signals])
+        pairs = zip(self.velocity.T, load.T, strict=True)
+        return [{"velocity": speed, "load": own, **self.clocks} for speed, own in pairs]
+
+    def search(
+        self, wanted: Sequence[rigid.Wanted], speeds: Sequence[FloatArray], torque: FloatArray
+    ) -> rigid.Search:
+        """Return the laws of all joints that leave least of a torque (m,)."""
+        count, shared = _PARTS * len(self.rows.signals), len(self.beta) + self.library.card.size
+        fold, rows = np.arange(count) % _PARTS // POLICY.parts, self.rows
+
+        def tabulate(laws: Sequence[rigid.Wanted], x: FloatArray | None) -> list[rigid.JointTable]:
+            tables = []
+            for joint, (own, inputs) in enumerate(zip(laws, self.list_inputs(x), strict=True)):
+                mine = rows.joint == joint
+                members = [np.flatnonzero(rows.part[mine] == number) for number in range(count)]
+                beside = partial(self.reduce, joint=joint), rows.design[mine, :shared], torque[mine]
+                tables.append(rigid.tabulate_rows(own, inputs, *beside, members, fold))
+            return tables
+
+        return rigid.search_laws(tabulate, wanted, speeds)
+
+
+def choose_laws(
+    library: Library,
+    signals: Sequence[ElasticSignals],
+    edge: float,
+    beta: FloatArray,
+    stated: Mapping[str, FrictionValues],
+    *,
+    candidates: Sequence[str] = MOTOR_LAWS,
+) -> MotorFriction:
+    """Return the friction of motors; joints keep the law that is `stated` where none surely is better.
+
+    `signals` are hardly filtered, rows reach up to `edge` Hz; loads are those of links with `beta` (p,), then
+    with what the laws leave. A drift changes all terms of a law by 1 - exp(-t / T), t in its log or in all.
+    Nothing is found where a stated law has a state, or reads more than speed and load.
+    """
+    limits, cards = MOVES * compute_speeds(signals), library.card.joints
+    rows, given = _build_rows(library, signals, edge, limits), [stated[card.name] for card in cards]
+    known = [get_law(law.law) for law in given if law.law != NO_FRICTION]
+    plain = [law for law in known if not law.memory and set(law.inputs) <= {"velocity", "load"}]
+    if len(plain) < len(given) or len(rows.torque) < _PARTS * len(signals) * rows.design.shape[1]:
+        return MotorFriction((), (), (), beta)
+    velocity = np.concatenate([part.dtheta for part in signals])
+    motors = _MotorRows(library, rows, velocity, _list_clocks(signals), beta)
+    speeds = [own[own > limit] for own, limit in zip(np.abs(velocity).T, limits, strict=True)]
+    wanted = []
+    for law, fast in zip(given, speeds, strict=True):
+        laws = [get_law(name, smoothing=law.smoothing) for name in dict.fromkeys((law.law, *candidates))]
+        wanted.append([(one, shape) for one in laws for shape in rigid.list_shape_nodes(one, fast)])
+    steady = rows.torque.copy()
+    # A drift may look like another law: laws are chosen again without it.
+    for _ in range(2):
+        search, found, moving = motors.search(wanted, speeds, steady), [], list[rigid.Wanted]()
+        tried = zip(cards, given, search.tables, search.trials, search.choices, strict=True)
+        for card, law, table, trials, choice in tried:
+            before, best = trials[0], trials[choice.taken]
+            taken = best if _is_surely_better(before, best) else before
+            own = get_law(taken.law.name, smoothing=law.smoothing)
+            moving.append([(one, taken.shape) for one in (own, *(_let_drift(own, k) for k in motors.clocks))])
+            if taken is not before:
+                told = rigid.describe_choice(table, trials, choice, "the torque", card.torque_unit)
+                kept = FittedLaw(joint=card.name, law=own.name, shape=taken.shape, smoothing=law.smoothing)
+                found.append(replace(kept, selection=told))
+        again = motors.search(moving, [np.zeros(0)] * len(cards), rows.torque)
+        drifting, drift = [], np.zeros_like(velocity)
+        tested = zip(cards, again.trials, motors.list_inputs(again.shared), strict=True)
+        for joint, (card, (before, *others), inputs) in enumerate(tested):
+            best = min(others, key=lambda one: float(one.own.sum()))
+            if _is_surely_better(before, best, len(others)):
+                added = slice(len(before.law.linear), None)
+                drift[:, joint] = compute_columns(best.law, inputs, best.shape)[:, added] @ best.linear[added]
+                mine = rows.joint == joint
+                steady[mine] = rows.torque[mine] - motors.reduce(drift[:, joint], joint)
+                drifting.append(card.name)
+        if not drifting:
+            break
+    return MotorFriction(tuple(found), tuple(drifting), tuple(motors.split(drift)), again.shared[: len(beta)])
+
+
+def _list_clocks(signals: Sequence[ElasticSignals]) -> dict[str, FloatArray]:
+    """Return 1 - exp(-t / T) (N,) less its mean, of times in each log or in all, for times T by name."""
+    own, clocks = [part.time - part.time[0] for part in signals], dict[str, FloatArray]()
+    begins = np.cumsum([0.0, *(time[-1] for time in own[:-1])])
+    both = {"in its log": own, "in all logs": [time + begun for time, begun in zip(own, begins, strict=True)]}
+    for name, times in both.items():
+        time = np.concatenate(times)
+        for power in range(-1, 4):
+            change = -np.exp(-time * 2.0**power / time.max())
+            clocks[f"{name}, {power}"] = change - change.mean()
+    return clocks
+
+
+def _let_drift(law: FrictionLaw, clock: str) -> FrictionLaw:
+    """Return a law whose parameters change in proportion to one of the inputs."""
+
+    def compute(carrier: Any, inputs: Any, shape: Any) -> tuple[Any, ...]:  # noqa: ANN401  of any carrier
+        columns = law.columns(carrier, inputs, shape)
+        return (*columns, *(carrier.mul(column, inputs[clock]) for column in columns))
+
+    return replace(law, name=f"{law.name}, {clock}", linear=(*law.linear, *law.linear), columns=compute)
+
+
+def _is_surely_better(before: rigid.Trial, after: rigid.Trial, tried: int = 1) -> bool:
+    gain = compare(before.own[:, None], after.own[:, None])
+    return tried * gain.p_of_all < POLICY.alarm and gain.fall_of_all > POLICY.fall_of_all
 
 
 _WAVE = 1.09

@@ -150,6 +150,7 @@ class ElasticEvidence:
         contradiction: how far a dynamic parameter with springs surely is from that without, as a part of its
             size and over what does no harm, beyond which they contradict each other; 0 where they were not
             compared. known: the same of what was known against the logs alone.
+        drifting: joints whose friction changes with time.
     """
 
     held_out: tuple[Finite, ...]
@@ -157,6 +158,7 @@ class ElasticEvidence:
     springs: tuple[Finite, ...] = ()
     contradiction: Finite = 0.0
     known: Finite = 0.0
+    drifting: tuple[str, ...] = ()
 
 
 @final

@@ -17,16 +17,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 import scipy
 
+from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.diagnostics import build_warning, warn_of_mass_matrix
-from symid.identification.elastic import estimate, methods, regression
+from symid.identification.elastic import effects, estimate, methods, regression
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
 from symid.identification.elastic.together import compute_spring_torques, filter_spring
-from symid.identification.estimators import Residual, list_parameters
+from symid.identification.estimators import FittedLaw, Residual, list_parameters
 from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import check_joints, warn_of_energy
 from symid.ipopt import Ending
+from symid.joint_models import FrictionValues
 from symid.logs import Recording, differentiate
 
 if TYPE_CHECKING:
@@ -242,11 +244,14 @@ def prepare_methods(
     options: ElasticOptions,
     *,
     echo: Mapping[str, object] | None = None,
+    friction: Mapping[str, FrictionValues] | None = None,
+    adopt: Callable[[Sequence[FittedLaw]], Library] | None = None,
 ) -> Callable[[str], estimate.ElasticEstimate]:
     """Return what identifies by a method of a name: equations are built, and every method fitted, once.
 
     `recordings` are one or more, each with the positions of motors and links; `echo` are further settings to
-    keep with the result. The method of the options does not count.
+    keep with the result. Where that of joints surely is not their `friction`, `adopt` returns the functions
+    of the robot with other laws; laws stay where it is None. The method of the options does not count.
 
     Raises:
         UsageError: the robot is not elastic, no recording is given, or windows or thresholds do not fit.
@@ -256,6 +261,16 @@ def prepare_methods(
     """
     hidden = _check_recordings(library, recordings)
     work = _build_equations(library, recordings, options)
+    found: effects.MotorFriction | None = None
+    if friction is not None:
+        given = work.wide.signals, work.edge, work.band.chi[: len(library.card.beta)], friction
+        found = effects.choose_laws(library, *given, candidates=effects.MOTOR_LAWS if adopt else ())
+        if found.laws or found.drifting:
+            adopted = adopt(found.laws) if adopt is not None and found.laws else library
+            steady = [
+                _take_off(*pair) for pair in zip(recordings, work.wide.signals, found.drift, strict=True)
+            ]
+            work = _build_equations(adopted, steady, options, found.beta)
 
     @cache
     def spring() -> tuple[estimate.MethodFit, tuple[str, ...]]:
@@ -296,9 +311,39 @@ def prepare_methods(
         settings = {name: value for name, value in settings.items() if not left_out.get(name)}
         sources = [recording.source for recording in recordings]
         settings = json.loads(json.dumps(settings))
-        return _build_estimate(work, choice, fits, hidden, settings=settings, sources=sources)
+        result = _build_estimate(work, choice, fits, hidden, settings=settings, sources=sources)
+        if found is None or friction is None:
+            return result
+        notices = (*result.notices, *_tell_friction(found, friction))
+        evidence = None if result.evidence is None else replace(result.evidence, drifting=found.drifting)
+        return replace(result, laws=found.laws, evidence=evidence, notices=notices)
 
     return identify
+
+
+def _take_off(recording: Recording, signals: regression.ElasticSignals, drift: FloatArray) -> Recording:
+    """Return a recording without the drift (N, n) of its friction, N m or N, at the times of its signals."""
+    change = [np.interp(recording.time, signals.time, column) for column in drift.T]
+    return replace(recording, torque=recording.torque - np.column_stack(change))
+
+
+def _tell_friction(found: effects.MotorFriction, stated: Mapping[str, FrictionValues]) -> Iterator[Notice]:
+    """Yield which laws were taken in place of those stated, and whose friction drifts."""
+    for law in found.laws:
+        why = "" if law.selection is None else law.selection.verdict
+        text = (
+            f"joint {law.joint!r}: its friction is {law.law}, not {stated[law.joint].law} as the robot file "
+            f"has it. {why} State the law in the robot file to keep it, or name one with --friction"
+        )
+        yield Notice(code="elastic.friction-law", text=text)
+    if found.drifting:
+        largest = max(float(np.abs(part).max()) for part in found.drift)
+        text = (
+            f"friction of {', '.join(found.drifting)} changes during the logs, as that of a drive that warms "
+            f"up, by up to {largest:.2g} from its mean. The change was taken off the torques, and parameters "
+            "are those of the mean: record when the drive is warm, or state a law that reads its temperature"
+        )
+        yield Notice(code="elastic.friction-drift", text=text)
 
 
 def _build_estimate(
@@ -420,15 +465,22 @@ def build_one_shot(library: Library, recordings: Sequence[Recording], options: E
 
 
 def _build_equations(
-    library: Library, recordings: Sequence[Recording], options: ElasticOptions
+    library: Library,
+    recordings: Sequence[Recording],
+    options: ElasticOptions,
+    beta: FloatArray | None = None,
 ) -> methods.ElasticEquations:
-    """Return the equations; loads that friction reads are measured, or those of a fit that agrees."""
-    beta = np.zeros(len(library.card.beta))
+    """Return the equations; loads that friction reads are measured, or those of a fit that agrees.
+
+    `beta` (p,) are parameters that it begins with, zeros where None.
+    """
+    beta = np.zeros(len(library.card.beta)) if beta is None else beta
     loaded = regression.fill_motor_loads(library, recordings, beta)
     for _ in range(options.iterations if loaded != tuple(recordings) else 0):
         work = methods.build_elastic_equations(library, loaded, options)
-        before, beta = beta, methods.fit_method(work, "elimination").beta
+        before, beta = beta, work.band.chi[: len(beta)]
         loaded = regression.fill_motor_loads(library, recordings, beta)
-        if np.linalg.norm(beta - before) <= options.tolerance * np.linalg.norm(beta):
+        # What is left of the difference is as much smaller again as friction is smaller than the load.
+        if np.linalg.norm(beta - before) <= POLICY.relevance * np.linalg.norm(beta):
             break
     return methods.build_elastic_equations(library, loaded, options)

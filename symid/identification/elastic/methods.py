@@ -96,7 +96,7 @@ class ElasticEquations:
 
     Args:
         problem: at the cut-off of the options; wide: the same recordings at a higher one, each at its own.
-        rows, band: the weighted elimination in a band, equations and fit.
+        rows, band: the weighted elimination in a band up to `edge` Hz, equations and fit.
         noise: (g,) of the torque in the rows of every group, N m or N.
         effects: of the drives, taken off the torque of all.
     """
@@ -105,6 +105,7 @@ class ElasticEquations:
     wide: regression.ElasticProblem
     rows: elimination.BandRows
     band: elimination.BandFit
+    edge: float
     noise: FloatArray
     effects: tuple[regression.DriveEffect, ...] = ()
 
@@ -185,6 +186,7 @@ def build_elastic_equations(
         wide=regression.build_elastic_problem(library, broad, options, limits) if filtered else problem,
         rows=rows,
         band=fit,
+        edge=regression.choose_edge(max(part.period for part in broad), band),
         noise=elimination.measure_torque_noise(recordings, band),
         effects=effects,
     )

@@ -22,7 +22,7 @@ from symid.codegen import ModelCard, ParameterCard
 from symid.errors import EstimateError, Notice, UsageError
 from symid.identification.judge import POLICY
 from symid.identification.regression import ROW_KINDS
-from symid.joint_models import rename_law
+from symid.joint_models import FrictionValues, rename_law
 from symid.robot import Processing
 from symid.serialization import HIDDEN, Finite, name_key
 
@@ -428,6 +428,29 @@ def _refuse_model(difference: str, file: str) -> EstimateError:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class FittedLaw:
+    """The friction law of a joint that was chosen, or whose shape values were fitted.
+
+    Args:
+        joint, law: their names; shape: its shape values, in the law's order.
+        names: of these among the parameters; smoothing: v0 of its sign in rad/s or m/s, 0 for the sign.
+        selection: how the law was chosen, None where it was named.
+    """
+
+    joint: str
+    law: str
+    shape: tuple[float, ...] = ()
+    names: tuple[str, ...] = field(default=(), metadata=HIDDEN)
+    smoothing: float
+    selection: LawSelection | None = None
+
+    @property
+    def friction(self) -> FrictionValues:
+        """Return the law as robots have it, without its linear values."""
+        return FrictionValues(law=rename_law(self.law), shape=self.shape, smoothing=self.smoothing)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DynamicsRecord(FitRecord):
     """Parameters of the dynamics, of rigid or elastic joints.
 
@@ -435,6 +458,8 @@ class DynamicsRecord(FitRecord):
         parameters: those identified, in the order of the model card; residual: joint by joint.
         condition: condition number of the column-scaled matrix, over the identifiable directions.
         covariance: of `parameters`, row by row; empty where the method has none.
+        laws: friction laws that were chosen or fitted with their shape values; empty where the robot file
+            states them.
         drawn: whether the robot was made from a URDF, whose values are those of a drawing and not the truth.
     """
 
@@ -442,6 +467,7 @@ class DynamicsRecord(FitRecord):
     residual: tuple[Residual, ...]
     condition: float
     covariance: tuple[tuple[float, ...], ...] = field(default=(), metadata=HIDDEN)
+    laws: tuple[FittedLaw, ...] = ()
     drawn: bool = field(default=False, metadata=HIDDEN)
 
     @property
@@ -471,24 +497,6 @@ class DynamicsRecord(FitRecord):
         return mistakes + [f"residual.samples: expected a count, got {count}" for count in negative]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FittedLaw:
-    """The friction law of a joint that was chosen, or whose shape values were fitted.
-
-    Args:
-        joint, law: their names; shape: its shape values, in the law's order.
-        names: of these among the parameters; smoothing: v0 of its sign in rad/s or m/s, 0 for the sign.
-        selection: how the law was chosen, None where it was named.
-    """
-
-    joint: str
-    law: str
-    shape: tuple[float, ...] = ()
-    names: tuple[str, ...] = field(default=(), metadata=HIDDEN)
-    smoothing: float
-    selection: LawSelection | None = None
-
-
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Estimate(DynamicsRecord):
@@ -501,8 +509,6 @@ class Estimate(DynamicsRecord):
             prediction of motions like those of the log; a single one has no physical meaning.
         choice: how settings were chosen that were left open; evidence: what speaks for the estimate. None
             where neither was looked at.
-        laws: friction laws that were chosen or fitted with their shape values; empty where the robot file
-            states them.
         motion: (K, 3 n) states q, dq, ddq of the logs, in which what other values cost is measured.
     """
 
@@ -514,7 +520,6 @@ class Estimate(DynamicsRecord):
     unresolved: tuple[tuple[str, Finite], ...] = field(default=(), metadata=HIDDEN)
     choice: SettingsChoice | None = None
     evidence: Evidence | None = None
-    laws: tuple[FittedLaw, ...] = ()
     motion: tuple[tuple[float, ...], ...] = field(default=(), metadata=HIDDEN)
 
     def assemble(self, names: Sequence[str]) -> FloatArray:

@@ -12,6 +12,8 @@ if TYPE_CHECKING:
         CANDIDATES as CANDIDATES,
         PLAIN as PLAIN,
         FrictionChoice as FrictionChoice,
+        Search as Search,
+        Trial as Trial,
         Wish as Wish,
         choose_laws as choose_laws,
         choose_plainest as choose_plainest,

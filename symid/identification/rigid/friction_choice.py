@@ -99,6 +99,11 @@ class Trial(NamedTuple):
         """Return the number of values of the law."""
         return len(self.law.linear) + len(self.law.shape)
 
+    @property
+    def shape(self) -> tuple[float, ...]:
+        """Return the shape values of the law."""
+        return self.law.about if isinstance(self.law, TangentLaw) else self.node.shape
+
 
 def _try_laws(table: JointTable, schur: FloatArray, left: FloatArray) -> list[Trial]:
     """Return a trial of every law of a table; S and Q are sums over the other joints, in its weight."""

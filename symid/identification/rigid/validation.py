@@ -42,7 +42,6 @@ from symid.identification.regression import Rows, condensing
 from symid.identification.rigid.fit import fit_in_memory, is_long
 from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan
 from symid.identification.rigid.settings_choice import PASSED
-from symid.joint_models import FrictionValues, rename_law
 from symid.logs import Recording, describe_overlap, has_states, low_pass, mask_states, measure_overlap
 from symid.serialization import HIDDEN, name_key
 
@@ -208,11 +207,8 @@ def restore_robot(
     # A result of friction has no friction models; its signature has. Joints with different models have them
     # from the file: an option sets one for all.
     kinds = tuple(dict.fromkeys(estimate.friction))
-    if isinstance(estimate, estimators.Estimate) and estimate.laws:
-        laws = {
-            law.joint: FrictionValues(law=rename_law(law.law), shape=law.shape, smoothing=law.smoothing)
-            for law in estimate.laws
-        }
+    if isinstance(estimate, estimators.DynamicsRecord) and estimate.laws:
+        laws = {law.joint: law.friction for law in estimate.laws}
         joints = [replace(joint, friction=laws.get(joint.name, joint.friction)) for joint in robot.joints]
         described = replace(robot, joints=tuple(joints))
     else:
