@@ -12,7 +12,6 @@ from benchmarks.axis_simulation import (
     AxisRun,
     SearchPlan,
     Window,
-    build_axis_run,
     build_axis_samples,
     choose_axis_trial,
     compute_force_columns,
@@ -133,14 +132,6 @@ def test_the_law_that_made_the_motion_leaves_least():
     # What is left comes from the filter, which blurs each change of the direction.
     assert estimates[1].other[0] == pytest.approx(95.0, rel=0.01)
     assert estimates[1].other[1] == pytest.approx(-0.2, abs=0.05)
-
-
-def test_a_run_is_the_recording_of_one_joint():
-    recording = build_recording(0.0)
-    run = build_axis_run(recording)
-    assert np.array_equal(run.position, recording.position[:, 0])
-    assert np.array_equal(run.force, recording.torque[:, 0])
-    assert (run.period, run.begin) == (pytest.approx(1e-3), 2.0)
 
 
 PERIOD = 1e-3

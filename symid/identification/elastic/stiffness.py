@@ -176,7 +176,8 @@ def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]
             torque = rows.whole @ beta / scale
             plays = np.stack([compute_plays(part, radii) for part in torque.T], axis=1)
             direction = np.tanh(rows.speed / width)
-            plain = (gravity, torque - gravity, torque**2, torque**3, direction, rows.acceleration)
+            even = np.abs(torque), torque**2
+            plain = (gravity, torque - gravity, *even, torque**3, direction, rows.acceleration)
             columns.append(np.concatenate([np.stack(plain, axis=2), plays], axis=2))
         found = estimate_alignment(recordings, columns)
         offsets = np.nan_to_num(found.offsets, nan=0.0)

@@ -180,6 +180,34 @@ class Stops(ElementFamily):
 
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
+class SidedStops(ElementFamily):
+    """Stops on a grid, and a spring that is stiffer on one side of zero; none is such a spring alone."""
+
+    count: int
+    name: str = "sided"
+    searched: bool = False
+
+    def list_starts(self, path: ElementPath) -> list[FloatArray]:
+        # Its branch must not slip: its threshold is far beyond the path.
+        far = float(np.max(np.abs(path.position))) / POLICY.relevance
+        return [np.append(path.list_lengths(self.count), far)]
+
+    def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
+        x, plain = path.position, Stops(count=self.count)
+        sides = [np.maximum(x, 0.0), np.minimum(x, 0.0)]
+        return np.column_stack([plain.compute_columns(path, shape[:-1]), *sides])
+
+    def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
+        far, sides = float(shape[-1]), coefficients[-2:]
+        # What both sides share is the linear spring's.
+        both, up, down = (float(one) for one in (sides.min(), *(sides - sides.min())))
+        found = Stops(count=self.count).build(shape[:-1], coefficients[:-2])
+        side = joint_models.SlipSpring(deflections=(-far, 0.0, far), forces=(-far * down, 0.0, far * up))
+        return replace(found, stiffness=(found.stiffness or 0.0) + both, branches=(side,))
+
+
+@final
+@dataclass(frozen=True, slots=True, kw_only=True)
 class NonlinearStops(ElementFamily):
     """Slip springs of thresholds r_i and piecewise linear forces at relative places; falls with the speed."""
 

@@ -760,9 +760,9 @@ def choose_spring(
 ) -> tuple[joint_models.Elasticity, str, float, float]:
     """Return the spring of a joint that predicts its torque best with as few numbers as that takes.
 
-    A linear one, Bouc-Wen elements, stops without knees, all passive and with viscous or cubic parts where
-    these help, and `known`, whose errors are those of its fit; it is left only for what is surely better, or
-    for the linear one where it is no better.
+    A linear one, Bouc-Wen elements, stops without knees, springs of two stiffnesses, one on each side, all
+    passive and with viscous or cubic parts where these help, and `known`, whose errors are those of its fit;
+    it is left only for what is surely better, or for the linear one where it is no better.
 
     Args:
         path: torsion (N,), rad or m.
@@ -781,6 +781,7 @@ def choose_spring(
         families.BoucWenFamily(),
         families.BoucWenFamily(asymmetric=True),
         families.Stops(count=GRID, name="stops"),
+        *(families.SidedStops(count=count) for count in (0, GRID)),
     )
     trials = [_fit_form(ElementForm(family=family), task, family.list_starts(data.path)) for family in tried]
     # Along all samples: a thin path misses small reversals.

@@ -191,6 +191,20 @@ def test_stops_with_a_cubic_part_are_found():
     assert spring.cubic == pytest.approx(150.0, rel=0.02)
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_spring_that_is_stiffer_on_one_side_is_found(side):
+    path = build_path(*draw_waves(3, length=20000))
+    torque = predict_output(SPRING, path) + 150.0 * side * np.maximum(side * path.position, 0.0)
+    spring, name, left, before = choose(path, torque)
+    assert (name, 10.0 * left < before) == ("sided", True)
+    (branch,) = spring.branches
+    slopes = np.divide(
+        branch.forces, branch.deflections, where=np.array([True, False, True]), out=np.zeros(3)
+    )
+    assert slopes == pytest.approx(150.0 * np.array([side < 0.0, 0.0, side > 0.0]), rel=0.03)
+    np.testing.assert_allclose(predict_output(spring, path), torque, atol=0.02 * np.abs(torque).max())
+
+
 def test_thinning_keeps_beginnings_and_turning_points():
     def thin(path):
         kept = np.ones(len(path.position), dtype=bool)
