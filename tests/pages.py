@@ -108,7 +108,6 @@ ELSEWHERE = {
     ("first_fit.md", ""): TRANSCRIPTS,
     ("first_lecture.md", ""): TRANSCRIPTS,
     ("fleet.md", "^(SELECT|WITH)"): "tests/unit/fleet/test_view.py",
-    ("friction.md", "^import numpy"): EXAMPLES,
     ("friction_dynamic.md", "symid.joint_models|symid.simulation|symid.codegen"): EXAMPLES,
     ("friction_tables.md", "^symid study friction-tables -o"): "tests/cli/test_friction_study.py",
     ("gallery.md", ""): EXAMPLES,

@@ -19,15 +19,6 @@ def run_section(page, first="", last=""):
     return names
 
 
-def test_friction_of_one_axis(capsys):
-    names = run_section("friction.md")
-    assert names["chosen"] == names["rich"]
-    assert np.array(names["fit"].values) == pytest.approx(names["truth"], rel=0.02, abs=0.02)
-    lines = capsys.readouterr().out.splitlines()
-    assert lines[2].startswith("asymmetric + drift {'M': ")
-    assert float(lines[3].removesuffix(" m")) < 1e-3
-
-
 def test_a_spring_on_its_own(capsys):
     names = run_section("elastic.md", "## A spring on its own", "## How it is checked")
     for name in ("back", "again"):
