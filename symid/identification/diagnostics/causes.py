@@ -431,7 +431,8 @@ def _list_sizes(
 ) -> Iterator[Hypothesis]:
     """Yield what the logs would be with other units, times, delays and zeros."""
     count, units = len(names), np.eye(len(names))
-    search = partial(_search, library, motion, fold)
+    columns = evaluate_motion(library, motion)
+    search = partial(_search, library, motion, columns, fold)
     for factor, what in ((np.pi / 180.0, "degrees"), (180.0 / np.pi, "radians")):
         cause, remedy = f"positions are in {what}", f'state unit = "{what[:3]}" in [log.position]'
         family, undone = "unit of positions", _scale_position(motion, factor)
@@ -480,12 +481,12 @@ def _list_sizes(
         undone = shift_torques(motion, sign * delay)
         yield Hypothesis(DELAY, "delay", cause, remedy, undone, tried=len(delays))
     slopes = np.zeros((*motion.tau.shape, 2))
-    for run in np.unique(motion.run):
+    for run in np.unique(motion.run) if len(delays) else ():
         own = np.flatnonzero(motion.run == run)
         time = np.arange(len(own)) * motion.period
         spline = CubicSpline(time, motion.tau[own])
         slopes[own] = np.stack([spline(time, 1), spline(time, 2)], axis=2)
-    filtered = np.concatenate([evaluate_motion(library, motion), slopes], axis=2)
+    filtered = np.concatenate([columns, slopes], axis=2)
     # A filter lags: tau + a dtau/dt + b d2tau/dt2, its input, has a > 0.
     if fit_motion(filtered, motion, fold).fit.values[-2] < 0.0:
         yield Hypothesis(DELAY, "low-pass", "", "", motion, columns=filtered)
@@ -506,13 +507,16 @@ def _list_sizes(
 def _search(  # noqa: PLR0917 - what is fitted, and what is tried
     library: Library,
     motion: ThinMotion,
+    columns: FloatArray,
     fold: NDArray[np.intp],
     build: Callable[[float], ThinMotion],
     grid: FloatArray,
     joint: int | None = None,
 ) -> float:
-    """Return the size whose motion leaves least squares: the best of a grid, and between its neighbours."""
-    columns = evaluate_motion(library, motion)
+    """Return the size whose motion leaves least squares: the best of a grid, and between its neighbours.
+
+    `columns` (t, n, p) are those of `motion` (t samples).
+    """
 
     def measure(size: float) -> float:
         other = build(size)

@@ -394,8 +394,8 @@ def choose_laws(
             moving.append([(one, taken.shape) for one in (own, *(_let_drift(own, k) for k in motors.clocks))])
             if taken is not before:
                 told = rigid.describe_choice(table, trials, choice, "the torque", card.torque_unit)
-                kept = FittedLaw(joint=card.name, law=own.name, shape=taken.shape, smoothing=law.smoothing)
-                found.append(replace(kept, selection=told))
+                name = own.name
+                found.append(FittedLaw(joint=card.name, law=name, smoothing=law.smoothing, selection=told))
         again = motors.search(moving, [np.zeros(0)] * len(cards), rows.torque)
         drifting, drift = [], np.zeros_like(velocity)
         tested = zip(cards, again.trials, motors.list_inputs(again.shared), strict=True)

@@ -314,7 +314,7 @@ def prepare_methods(
         result = _build_estimate(work, choice, fits, hidden, settings=settings, sources=sources)
         if found is None or friction is None:
             return result
-        notices = (*result.notices, *_tell_friction(found, friction))
+        notices = (*result.notices, *_tell_friction(library, found, friction))
         evidence = None if result.evidence is None else replace(result.evidence, drifting=found.drifting)
         return replace(result, laws=found.laws, evidence=evidence, notices=notices)
 
@@ -327,7 +327,9 @@ def _take_off(recording: Recording, signals: regression.ElasticSignals, drift: F
     return replace(recording, torque=recording.torque - np.column_stack(change))
 
 
-def _tell_friction(found: effects.MotorFriction, stated: Mapping[str, FrictionValues]) -> Iterator[Notice]:
+def _tell_friction(
+    library: Library, found: effects.MotorFriction, stated: Mapping[str, FrictionValues]
+) -> Iterator[Notice]:
     """Yield which laws were taken in place of those stated, and whose friction drifts."""
     for law in found.laws:
         why = "" if law.selection is None else law.selection.verdict
@@ -337,11 +339,16 @@ def _tell_friction(found: effects.MotorFriction, stated: Mapping[str, FrictionVa
         )
         yield Notice(code="elastic.friction-law", text=text)
     if found.drifting:
-        largest = max(float(np.abs(part).max()) for part in found.drift)
+        largest = np.max([np.abs(part).max(axis=0) for part in found.drift], axis=0)
+        sizes = ", ".join(
+            f"{card.name} by up to {size:.2g} {card.torque_unit}"
+            for card, size in zip(library.card.joints, largest, strict=True)
+            if card.name in found.drifting
+        )
         text = (
-            f"friction of {', '.join(found.drifting)} changes during the logs, as that of a drive that warms "
-            f"up, by up to {largest:.2g} from its mean. The change was taken off the torques, and parameters "
-            "are those of the mean: record when the drive is warm, or state a law that reads its temperature"
+            f"friction changes during the logs, as that of drives that warm up, from its mean: {sizes}. The "
+            "change was taken off the torques, and parameters are those of the mean: record when the drives "
+            "are warm, or state a law that reads their temperature"
         )
         yield Notice(code="elastic.friction-drift", text=text)
 

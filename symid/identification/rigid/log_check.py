@@ -203,7 +203,7 @@ def estimate_torque_delay(log: StudiedLog) -> TorqueDelay:
         shares /= max(float(shares.sum()), numerics.TINY)
         step = float(shares @ values)
         delay += step
-        if abs(step) < numerics.CONVERGED * radian or abs(delay) > radian:
+        if abs(step) < numerics.CONVERGED * radian or abs(delay) > motion.period:
             break
         moved = diagnostics.shift_torques(motion, delay)
     # Where joints disagree by more than their own deviations, these are too small (Birge 1932).
@@ -217,7 +217,8 @@ def estimate_torque_delay(log: StudiedLog) -> TorqueDelay:
         joints=tuple((delay - step + values).tolist()),
         joint_stds=tuple(stds.tolist()),
         period=log.recording.period,
-        late=abs(delay) < radian and told.verdict is Agreement.DIFFERENT,
+        # Beyond a quarter of the band's period torques follow the motion otherwise.
+        late=abs(delay) < motion.period and told.verdict is Agreement.DIFFERENT,
     )
 
 
