@@ -114,12 +114,6 @@ def compute_steady_torque(
     return algebra.add(dry, algebra.mul(viscous, velocity))
 
 
-def compute_largest_level(law: DynamicLaw, values: Sequence[float]) -> float:
-    """Return the largest g, N m or N; |z| that begins below it divided by sigma0 stays below."""
-    named = dict(zip(law.names, values, strict=True))
-    return max(named["fC"], named.get("fS", named["fC"]))
-
-
 def is_passive(law: DynamicLaw, values: Sequence[float]) -> bool | None:
     """Return whether velocity to torque is passive with storage sigma0 z^2 / 2; None where it is not known.
 

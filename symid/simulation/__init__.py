@@ -15,14 +15,6 @@ if TYPE_CHECKING:
         simulate_elastic as simulate_elastic,
         simulate_log as simulate_log,
     )
-    from symid.simulation.friction_rig import (
-        ForceDrive as ForceDrive,
-        PositionControl as PositionControl,
-        Rig as Rig,
-        RigOptions as RigOptions,
-        SpringDrive as SpringDrive,
-        simulate_friction_rig as simulate_friction_rig,
-    )
     from symid.simulation.rigid_plant import (
         RigidPlant as RigidPlant,
         simulate_rigid_plant as simulate_rigid_plant,

@@ -10,10 +10,10 @@ from types import SimpleNamespace
 import pytest
 
 import symid
+from benchmarks.friction_rig import Rig, RigOptions, SpringDrive, simulate_friction_rig
 from symid.codegen.c_library import generate_friction_state
 from symid.joint_models.dynamic_friction import get_dynamic_law
 from symid.robot.toml_reader import parse_robot
-from symid.simulation.friction_rig import Rig, RigOptions, SpringDrive, simulate_friction_rig
 from tests.docs.test_page_commands import FROZEN, SCENES
 from tests.pages import DOCS, ELSEWHERE, find_elsewhere, list_blocks, list_pages
 from tests.recovery.test_friction_dynamic import build_samples

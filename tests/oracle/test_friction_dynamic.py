@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from symid.errors import SolverError, UsageError
-from symid.joint_models import dynamic_friction
-from symid.joint_models.carriers import build_float_carrier
-from symid.simulation.friction_rig import (
+from benchmarks.friction_rig import (
     ForceDrive,
     PositionControl,
     Rig,
@@ -20,7 +17,8 @@ from symid.simulation.friction_rig import (
     SpringDrive,
     simulate_friction_rig,
 )
-from tests.refusals import raises
+from symid.joint_models import dynamic_friction
+from symid.joint_models.carriers import build_float_carrier
 from tests.state_laws import find_rate, find_torque, give_values, take_step
 
 DAHL, LUGRE = dynamic_friction.get_dynamic_law("dahl"), dynamic_friction.get_dynamic_law("lugre")
@@ -256,21 +254,3 @@ def test_any_closed_way_costs_energy(law):
         )
         work = run.torque * np.diff(position)
         assert work[-4000:].sum() > 0
-
-
-@pytest.mark.parametrize(
-    "wrong",
-    [{"duration": 0.0}, {"rate": -1.0}, {"duration": 1e-5}, {"tolerance": 0.0}, {"substep": 0.0}],
-    ids=str,
-)
-def test_times_that_do_not_fit_are_refused(wrong):
-    with raises(UsageError, "simulate.friction-rig", match="positive"):
-        RigOptions(**{"duration": 1.0, **wrong})
-
-
-def test_a_rig_without_mass_is_refused_and_a_motion_that_grows_without_bound_is_told():
-    with pytest.raises(UsageError, match=r"mass .* positive, got 0"):
-        Rig(law=DAHL, values=(1e4, 1.0), mass=0.0)
-    control = PositionControl(proportional=-1e8, integral=0.0, derivative=-1e6, target=lambda _t: 1.0)
-    with pytest.raises(SolverError, match="could not be simulated"):
-        simulate((1e4, 1.0), control, law=DAHL, duration=10.0, rate=10.0)

@@ -190,6 +190,12 @@ def test_one_cost_can_be_asked_for_and_keeps_to_its_grid(arm):
     assert find_error(values(found), find_truth(arm[1])) < 0.1
 
 
+def test_no_stops_and_no_knees_are_a_linear_spring(arm, run):
+    found = identify_elastic(arm[1], [run.recording], ElasticOptions(method="weighted", stops=0, knees=0))
+    for spring in (entry.elasticity for entry in found.springs):
+        assert (spring.stops, spring.knees, spring.branches, spring.cubic) == ((), (), (), 0.0)
+
+
 def test_options_of_the_one_shot_problem_reach_it(tmp_path, arm, run):
     """Rows, Stribeck friction and odd springs can be asked for; the result says so."""
     nlp = NlpOptions(rows=("filtered",), stribeck=True, smoothing=0.01, odd=True, rounds=0)

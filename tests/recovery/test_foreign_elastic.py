@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import symid
+from benchmarks import couplings
 from symid.identification.elastic import ElasticOptions
 from symid.identification.elastic.effects import _build_rows, _measure_values, measure_effects
 from symid.identification.elastic.regression import DriveEffect, prepare_elastic_signals
@@ -52,6 +53,14 @@ def test_a_linear_coupling_comes_out_linear(bench):
     assert find_effect(fit.estimate, "torque-lag").values[0] == pytest.approx(1e-4, abs=3e-5)
     codes = {notice.code for notice in fit.notices}
     assert {"log.delay-refuted", "elastic.spring-kind"} <= codes
+
+
+@pytest.mark.parametrize(("kind", "draw"), [("chirp", 101), ("multisine", 102), ("steps", 103)])
+def test_couplings_of_another_plant_come_out_linear_however_they_are_driven(kind, draw):
+    row = couplings.run(kind, 7, draw)
+    assert abs(row.error) < 2.0
+    assert row.linear
+    assert row.words.startswith(("good", "usable"))
 
 
 def test_its_effects_are_kept_in_its_file_and_missed_in_an_export(bench, tmp_path):

@@ -9,12 +9,12 @@ from functools import cache
 import numpy as np
 import pytest
 
+from benchmarks.friction_rig import PositionControl, Rig, RigOptions, simulate_friction_rig
 from symid.errors import IdentifiabilityError, UsageError
 from symid.identification.friction.joint_fit import FrictionSamples
 from symid.identification.friction.presliding import build_path, fit_presliding
 from symid.ipopt import Ending
 from symid.joint_models.dynamic_friction import get_dynamic_law, simulate_dynamic_friction
-from symid.simulation.friction_rig import PositionControl, Rig, RigOptions, simulate_friction_rig
 from tests.refusals import raises
 
 NOISE = 0.01

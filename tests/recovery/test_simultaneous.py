@@ -49,7 +49,9 @@ def test_an_asymmetric_spring_of_another_plant_is_found():
     for phi, torque in zip(run.torsion.T, run.joint_torque.T, strict=True):
         path = ElementPath(position=phi, velocity=np.gradient(phi, run.time), period=period)
         kept = np.ones(len(phi), dtype=bool)
-        spring, name, left, _ = choose_spring(path, torque, kept, Elasticity(stiffness=5000.0))
+        spring, name, left, _ = choose_spring(
+            path, torque, kept, Elasticity(stiffness=5000.0), np.zeros(len(torque))
+        )
         (branch,) = spring.branches
         assert name == "bouc-wen"
         assert left < 0.1

@@ -34,7 +34,7 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.identification import rigid
 from symid.identification.elastic.elimination import compute_speeds, filter_band, solve_weighted
-from symid.identification.elastic.estimate import STEP, compute_covariance, differentiate_spring
+from symid.identification.elastic.estimate import compute_covariance
 from symid.identification.elastic.regression import (
     APART,
     MOVES,
@@ -47,6 +47,7 @@ from symid.identification.elastic.regression import (
     pass_band,
 )
 from symid.identification.estimators import FittedLaw
+from symid.identification.hysteresis import STEP, differentiate_spring
 from symid.identification.judge import POLICY, Gain, adjust_chances, compare, numerics
 from symid.identification.regression import solve_scaled
 from symid.joint_models import (
@@ -482,6 +483,39 @@ def compute_link_torque(library: Library, signals: ElasticSignals, beta: FloatAr
     return torque + signals.link_drag
 
 
+def measure_link_friction(library: Library, signals: Sequence[ElasticSignals], beta: FloatArray) -> Effects:
+    """Return the viscous friction of links that springs show, given the links' base parameters (p,).
+
+    Where motor and link move as one, the sum of both sides cannot tell whose friction it is: the torque of
+    the links is that of the spring, less their friction.
+    """
+    found = []
+    loads = [compute_link_torque(library, part, beta) for part in signals]
+    for joint, gives in enumerate(library.card.yielding):
+        rows = build_joint_rows(signals, loads, joint, turns=True) if gives else []
+        before, after, values = list[FloatArray](), list[FloatArray](), list[tuple[float, float]]()
+        for part in rows:
+            rate, speed = (
+                differentiate_smooth(side, part.period) for side in (part.phi, part.theta - part.phi)
+            )
+            basis = np.column_stack([build_spring_basis(part.phi, part.period), rate])[part.kept]
+            whole, torque = np.column_stack([basis, -speed[part.kept]]), part.torque[part.kept]
+            weights = solve_scaled(whole, torque, rcond=numerics.RANK)
+            before.append(torque - basis @ solve_scaled(basis, torque, rcond=numerics.RANK))
+            after.append(torque - whole @ weights)
+            values.append((float(weights[-1]), float(compute_covariance(whole, after[-1])[-1, -1])))
+        if not rows or min(value for value, _ in values) < 0.0:
+            continue
+        gain, information = _compare_errors(before, after), sum(1.0 / variance for _, variance in values)
+        if gain.p_of_all < POLICY.alarm and gain.fall_of_all > _WAVE:
+            value = sum(value / variance for value, variance in values) / information
+            own = DriveEffect(
+                kind="link-friction", joint=joint, values=(value,), deviations=(information**-0.5,)
+            )
+            found.append(own)
+    return tuple(found)
+
+
 class JointRows(NamedTuple):
     """A joint in one recording: motor's position, torsion, link's torque (N,), and the samples that count."""
 
@@ -609,7 +643,7 @@ def refine_eccentricity(problem: ElasticProblem, chi: FloatArray, discs: Sequenc
                 if wave is not None:
                     error[:, joint] += wave[0] * np.cos(q) + wave[1] * np.sin(q)
                 moved = replace(signals, error=error)
-                parts.append(rows.pass_spring(spring, moved, joint, problem.options.rate))
+                parts.append(rows.pass_spring(spring, moved, joint, problem.options.filter_rate))
             return np.concatenate(parts)
 
         left, step = link[:, joint] - compute(spring), STEP * math.hypot(*disc.values)

@@ -328,7 +328,7 @@ def estimate_virtual_torsion(problem: regression.ElasticProblem, number: int, ch
 
     First where gravity's gradient is large; the linear spring that this gives stands in elsewhere.
     """
-    library, signals, rate = problem.library, problem.signals[number], problem.options.rate
+    library, signals, rate = problem.library, problem.signals[number], problem.options.filter_rate
     beta = chi[: problem.sizes[0]]
     rows = regression.build_filtered_rows(library, replace(signals, settled=0), rate)
     step = rows.keep.step

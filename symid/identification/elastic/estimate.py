@@ -19,8 +19,7 @@ not hold between samples, such as elements on grids; in bounds, cubic springs, d
 import math
 import re
 from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import ClassVar, final
 
@@ -30,12 +29,17 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle
 from symid.codegen import Library, ModelCard
-from symid.errors import Notice, RobotError
+from symid.errors import Notice
 from symid.identification.diagnostics import sum_block_scores
 from symid.identification.elastic import regression
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.estimators import DynamicsRecord, Residual
-from symid.identification.hysteresis import compute_slips, compute_spring_slopes, read_weights
+from symid.identification.hysteresis import (
+    compute_slips,
+    compute_spring_slopes,
+    differentiate_spring,
+    read_weights,
+)
 from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import RankRule, compute_spectrum
 from symid.ipopt import Ending
@@ -278,13 +282,9 @@ def name_friction(parameters: Sequence[str]) -> tuple[str, ...]:
 
 STRETCHES = 100
 """Of time, within which errors are correlated."""
-STEP = 1e-4
-"""Of derivatives by differences, relative."""
 MODEL_ERROR = 5e-4
 """Of a parameter: what columns of measured, filtered states leave wrong where no row shows it. Found on arms
 of other simulators, where no noise explained as much."""
-SpringPlace = tuple[str, int, str]
-"""Of a number of a spring: the field, which of its parts, and their field; -1 and "" for a number itself."""
 _RULE = RankRule()
 
 
@@ -335,43 +335,6 @@ def compute_covariance(
         scores, _ = sum_block_scores(design, errors, np.zeros(len(errors), dtype=np.intp), STRETCHES)
         covariance = root @ (root.T @ scores @ root) @ root.T
     return mark_unidentifiable(covariance, spectrum.mask_identifiable(_RULE))
-
-
-def list_spring_numbers(spring: Elasticity) -> list[tuple[float, SpringPlace]]:
-    """Return every number of a spring that data decide, and its place."""
-    found = [(getattr(spring, name), (name, -1, "")) for name in ("stiffness", "cubic", "damping")]
-    found += [
-        (getattr(entry, part.name), (name, index, part.name))
-        for name in ("stops", "knees", "branches")
-        for index, entry in enumerate(getattr(spring, name))
-        for part in fields(entry)
-    ]
-    return [pair for pair in found if isinstance(pair[0], float) and pair[0]]
-
-
-def move_spring(spring: Elasticity, place: SpringPlace, value: float) -> Elasticity:
-    """Return a spring with another number in a place; raise RobotError where no spring has it."""
-    name, index, part = place
-    if index < 0:
-        return replace(spring, **{name: value})  # type: ignore[arg-type]  # a number of the spring
-    whole = list(getattr(spring, name))
-    whole[index] = replace(whole[index], **{part: value})
-    return replace(spring, **{name: tuple(whole)})  # type: ignore[arg-type]  # stops, knees or branches
-
-
-def differentiate_spring(spring: Elasticity, compute: Callable[[Elasticity], FloatArray]) -> FloatArray:
-    """Return the derivatives (M, k) of what a spring gives (M,) by all its numbers."""
-    columns = []
-    for number, place in list_spring_numbers(spring):
-        step, sides = STEP * abs(number), []
-        for value in (number + step, number - step, number):
-            # At the edge of what springs can be, such as a knee that all but flattens them, one side is left.
-            with suppress(RobotError):
-                sides.append((move_spring(spring, place, value), value))
-        if len(sides) > 1:
-            (above, high), (below, low) = sides[:2]
-            columns.append((compute(above) - compute(below)) / (high - low))
-    return np.column_stack(columns) if columns else np.empty((len(compute(spring)), 0))
 
 
 def measure_spring_spread(

@@ -307,6 +307,7 @@ def prepare_methods(
         cutoffs = [part.cutoff for part in work.problem.signals]
         grid = [entry.tolist() for entry in work.problem.thresholds]
         settings = {**(echo or {}), **asdict(stated), "cutoffs": cutoffs, "grid": grid}
+        settings["rate"] = work.problem.options.filter_rate
         left_out = {"nlp": stated.nlp == NlpOptions(), "known": not stated.known}
         settings = {name: value for name, value in settings.items() if not left_out.get(name)}
         sources = [recording.source for recording in recordings]

@@ -15,6 +15,7 @@ Supported: all names of `METHODS`.
 Not supported: springs of other kinds inside the one-shot problem.
 """
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, NamedTuple
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 
 
 class MethodCandidate(NamedTuple):
-    """A method: its chi (p + n + pf,) without the rows of a fold, its largest relative deviation."""
+    """A method: its chi (p + n + pf,) without the rows of a fold, its relative deviations, their mean."""
 
     refit: Callable[[int], FloatArray]
     spread: float
@@ -124,9 +125,10 @@ def build_elastic_equations(
         LogError: a recording lacks an encoder, is too short or unevenly sampled.
         UsageError: windows or thresholds do not fit.
     """
+    band = regression.measure_motion_band(recordings)
+    options = regression.settle_rate(options, band)
     # Recordings that are too short for the options are refused before anything is fitted to them.
     signals = [regression.prepare_elastic_signals(recording, options) for recording in recordings]
-    band = regression.measure_motion_band(recordings)
     known, bases = regression.read_known(library.card, options.known), len(library.card.beta)
     broader = []
     for recording in recordings:
@@ -159,6 +161,13 @@ def build_elastic_equations(
         slow = regression.MOVES * elimination.compute_speeds(broad)
         effects = drive_effects.measure_effects(library, broad, edge, slow)
         if effects:
+            broad, rows, limits, fit = free(effects)
+        # Friction of links that the sum of both sides does not tell from that of motors.
+        told = {effect.joint for effect in effects if effect.kind == "link-friction"}
+        drags = drive_effects.measure_link_friction(library, broad, fit.chi[:bases])
+        drags = tuple(effect for effect in drags if effect.joint not in told)
+        if drags:
+            effects = (*effects, *drags)
             broad, rows, limits, fit = free(effects)
         # What gears and encoders of the links add.
         discs = drive_effects.measure_eccentricity(library, broad, fit.chi[:bases])
@@ -276,7 +285,9 @@ def build_candidate(work: ElasticEquations, fit: estimate.MethodFit) -> MethodCa
         # The same equations, not weighted by their noise, cannot be surer (Gauss and Markov).
         rivals.append(replace(fit, covariance=work.band.covariance))
     relative = np.array([compute_relative_deviations(work, rival) for rival in rivals])
-    spread = np.max(relative[:, work.identifiable], initial=0.0)
+    # The mean of the logarithms: one parameter that all methods know badly does not hide the others.
+    sizes = np.maximum(np.max(relative[:, work.identifiable], axis=0, initial=0.0), numerics.TINY)
+    spread = math.exp(np.mean(np.log(sizes))) if len(sizes) else 0.0
     count = len(fit.chi)
     offset = np.zeros(count)
     if fit.method in SPRUNG_METHODS:
@@ -299,7 +310,7 @@ def build_candidate(work: ElasticEquations, fit: estimate.MethodFit) -> MethodCa
         kept = folds != fold
         return offset + regression.solve_with_signs(card, rows.design[kept], rows.right[kept], known)[:count]
 
-    return MethodCandidate(refit, float(spread))
+    return MethodCandidate(refit, spread)
 
 
 def weigh_evidence(
@@ -496,13 +507,15 @@ def choose_springs(
     """Return the fit with springs of other kinds where these predict the joint torque surely better.
 
     The torque is that of the links, which no friction of the motors blurs. Joints that are `hidden` keep
-    their springs, and so do all where stops or knees were given. The names of the kinds, one a joint, are
-    empty where the springs were kept.
+    their springs, and so do all where stops or knees were given, or none of either is wanted. The names of
+    the kinds, one a joint, are empty where the springs were kept.
     """
     problem, springs, notices = work.problem, list(fit.elasticity), []
     cards = problem.library.card.joints
     kinds = [""] * len(cards)
-    if problem.options.thresholds is not None or problem.options.knee_torques is not None:
+    options = problem.options
+    stated = options.thresholds is not None or options.knee_torques is not None
+    if stated or not (options.stops or options.knees):
         return fit, tuple(kinds)
     loads = [drive_effects.compute_link_torque(problem.library, part, fit.beta) for part in problem.signals]
     for joint, (card, known) in enumerate(zip(cards, springs, strict=False)):
@@ -518,7 +531,8 @@ def choose_springs(
         for start, part in zip(begins, rows, strict=False):
             kept[start + part.kept.start : start + part.kept.stop] = True
         path = ElementPath(position=phi, velocity=velocity, period=period, begins=tuple(begins[:-1]))
-        spring, name, left, before = choose_spring(path, torque, kept, known)
+        speed = np.concatenate([differentiate_smooth(part.theta - part.phi, part.period) for part in rows])
+        spring, name, left, before = choose_spring(path, torque, kept, known, speed)
         if not name:
             continue
         # Stops are no other kind.

@@ -34,7 +34,7 @@ from symid.arrays import FloatArray, FrozenArrays, freeze
 from symid.codegen import ModelCard
 from symid.errors import Notice, SolverError, UsageError
 from symid.identification.elastic.elimination import fit_elimination
-from symid.identification.elastic.estimate import STEP, HistoryEntry, MethodFit, build_method_fit
+from symid.identification.elastic.estimate import HistoryEntry, MethodFit, build_method_fit
 from symid.identification.elastic.nlp_cost import (
     ElasticNlpCost,
     NlpLayout,
@@ -49,7 +49,7 @@ from symid.identification.elastic.nlp_cost import (
 from symid.identification.elastic.options import NlpOptions
 from symid.identification.elastic.regression import ElasticProblem, average_steps
 from symid.identification.elastic.together import TRIALS, fit_linear_spring
-from symid.identification.hysteresis import SpringWeights, build_knee_grid, compute_place_limits
+from symid.identification.hysteresis import STEP, SpringWeights, build_knee_grid, compute_place_limits
 from symid.identification.judge import numerics
 from symid.ipopt import Ending, GraphProblem, IpoptOptions, SmoothProblem, keep_last, minimise, minimise_graph
 from symid.joint_models import Elasticity, build_casadi_carrier, compute_play, compute_stribeck_derivatives

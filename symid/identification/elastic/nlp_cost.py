@@ -243,7 +243,7 @@ def build_nlp_recording(
         )
         blocks.append(block)
     if "filtered" in kinds:
-        rows, rate = problem.filtered[index], problem.options.rate
+        rows, rate = problem.filtered[index], problem.options.filter_rate
         keep = rows.keep
         passed = build_filter_sums(keep, len(signals.time) - 1, float(np.exp(-rate * signals.period)))
 

@@ -25,6 +25,9 @@ METHODS = (
 SCHEMES = ("two-cost", "same-cost")
 NLP_ROWS = ("energy", "filtered", "momentum")
 HESSIANS = ("exact", "gauss-newton")
+RATE = 60.0
+"""rad/s, of the filter of rows where motion reaches up to 20 Hz, as that of arms does. Faster motions ask for
+as much more: what lies far above the filter is noise in its rows."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -89,7 +92,7 @@ class ElasticOptions:
         knee_torques: one tuple a joint of signed torques, N m or N, in place of the grid.
         refine: optimise the places of thresholds and knees that are on a grid; not of those given.
         window: length of an energy row in s.
-        rate: lambda of the filter lambda / (s + lambda), rad/s.
+        rate: lambda of the filter lambda / (s + lambda), rad/s; None for what the motion asks for.
         cutoff: of the zero-phase low-pass in Hz; 0 for none, None to choose by the encoders' noise.
         tolerance: of the relative change of parameters and residuals at which the iteration stops.
         iterations: at most; nlp: of the method "nlp".
@@ -105,7 +108,7 @@ class ElasticOptions:
     knee_torques: tuple[tuple[float, ...], ...] | None = None
     refine: bool = True
     window: float = 0.1
-    rate: float = 60.0
+    rate: float | None = None
     cutoff: float | None = None
     tolerance: float = 1e-4
     iterations: int = numerics.ROUNDS
@@ -118,9 +121,11 @@ class ElasticOptions:
         mistakes = _list_mistakes(
             self,
             choices={"method": METHODS, "scheme": SCHEMES},
-            positive={"window": "s", "rate": "rad/s", "tolerance": "1"},
+            positive={"window": "s", "tolerance": "1"},
             counts={"stops": 0, "knees": 0, "iterations": 1},
         )
+        if self.rate is not None and not 0.0 < self.rate < math.inf:
+            mistakes.append(f"rate {self.rate:g}: must be a positive number (unit rad/s)")
         if self.cutoff is not None and not 0.0 <= self.cutoff < math.inf:
             mistakes.append(f"cutoff {self.cutoff:g}: must be a frequency in Hz, or 0 for no filter")
         for name, least in (("thresholds", 0.0), ("knee_torques", -math.inf)):
@@ -135,6 +140,11 @@ class ElasticOptions:
             if not (isinstance(value, Real) and math.isfinite(value))
         ]
         _refuse("usage.elastic-option", mistakes)
+
+    @property
+    def filter_rate(self) -> float:
+        """Return the rate of the filter of rows in rad/s: that of arms where no motion has set it."""
+        return RATE if self.rate is None else self.rate
 
     @property
     def moves_stops(self) -> bool:

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
 from symid.codegen import Library, ModelCard, ParameterCard, run_compiled_branch
 from symid.errors import LogError, Notice, UsageError
-from symid.identification.elastic.options import ElasticOptions, check_grids
+from symid.identification.elastic.options import RATE, ElasticOptions, check_grids
 from symid.identification.hysteresis import (
     SpringData,
     SpringWeights,
@@ -89,6 +89,11 @@ def count_edge(period: float, cutoff: float) -> int:
 def choose_edge(period: float, band: float) -> float:
     """Return the edge in Hz of what rows tell of: above the `band` of the motion, as far as samples reach."""
     return min(max(_BAND, band), POLICY.row_band / period)
+
+
+def settle_rate(options: ElasticOptions, band: float) -> ElasticOptions:
+    """Return options whose filter of rows has a rate: by the `band` of the motion in Hz if none is given."""
+    return replace(options, rate=RATE * max(1.0, band / _BAND)) if options.rate is None else options
 
 
 def measure_motion_band(recordings: Sequence[Recording]) -> float:
@@ -268,7 +273,7 @@ def prepare_elastic_signals(
         load = None if load is None else clean(load)
     kept = slice(0, len(recording.time) - edge)
     # Rows begin where plays are settled and filters have forgotten their start.
-    phi, starts = (motor - link + error)[kept], [int(np.ceil(_MEMORY / (options.rate * period)))]
+    phi, starts = (motor - link + error)[kept], [int(np.ceil(_MEMORY / (options.filter_rate * period)))]
     for joint, torsion in enumerate(phi.T):
         largest = options.stops / (options.stops + 1.0) * float(np.abs(torsion).max())
         if options.thresholds is not None:
@@ -416,8 +421,8 @@ def build_equations(
     return np.concatenate(columns, axis=2)
 
 
-_ROW_RATE = 500.0
-"""Rows a second in Hz: many times the band that the filter passes."""
+_ROWS = 8.0
+"""Rows a time constant of their filter: many times the band that it passes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -471,7 +476,7 @@ def filter_derivative(values: FloatArray, rate: float, period: float) -> FloatAr
 def build_filtered_rows(library: Library, signals: ElasticSignals, rate: float) -> FilteredRows:
     """Return the filtered equations of one recording; rate is lambda in rad/s."""
     period = signals.period
-    keep = slice(signals.settled, None, max(1, int(1.0 / (_ROW_RATE * period) + 1e-9)))
+    keep = slice(signals.settled, None, max(1, int(1.0 / (_ROWS * rate * period) + 1e-9)))
     pass_torque = filter_held if signals.hold == "zero" else filter_smooth
     smooth = partial(filter_smooth, rate=rate, period=period)
     slope = partial(filter_derivative, rate=rate, period=period)
@@ -697,7 +702,7 @@ class ElasticProblem:
         """Return at which filtered rows (M, n) a motor slides, for as long as the filter remembers."""
         if not np.any(self.limits):
             return np.ones((sum(len(rows.torque) for rows in self.filtered), self.sizes[1]), dtype=bool)
-        width = 2.0 * _MEMORY / self.options.rate
+        width = 2.0 * _MEMORY / self.options.filter_rate
         pairs = zip(self.signals, self.filtered, strict=True)
         return np.concatenate([mark_sliding(part, width, self.limits)[rows.keep] for part, rows in pairs])
 
@@ -767,7 +772,7 @@ def build_elastic_problem(
 ) -> ElasticProblem:
     """Return energy rows, filtered rows and stop bases; raise UsageError where windows do not fit."""
     energy = tuple(build_energy_windows(library, part, options.window) for part in signals)
-    filtered = tuple(build_filtered_rows(library, part, options.rate) for part in signals)
+    filtered = tuple(build_filtered_rows(library, part, options.filter_rate) for part in signals)
     springs = tuple(
         build_spring_data(options, joint, [part.phi[:, joint] for part in signals], signals, filtered)
         for joint in range(library.card.size)
@@ -807,7 +812,9 @@ def build_spring_data(
         largest = max(float(np.abs(phi).max()) for phi in torsions)
         grid = freeze(np.arange(1, options.stops + 1) / (options.stops + 1.0) * largest)
     periods, keeps = tuple(part.period for part in signals), tuple(part.keep for part in rows)
-    return SpringData(torsions=tuple(torsions), periods=periods, keeps=keeps, rate=options.rate).rebuild(grid)
+    return SpringData(
+        torsions=tuple(torsions), periods=periods, keeps=keeps, rate=options.filter_rate
+    ).rebuild(grid)
 
 
 _MANY = 12
@@ -825,5 +832,5 @@ def build_spring_basis(torsion: FloatArray, period: float | None = None) -> Floa
     if period is not None:
         part = torsion / max(float(np.max(np.abs(torsion))), numerics.TINY)
         further += [*(stops.T * np.abs(part)), *(stops.T * part**2), part * np.abs(part), part**5]
-        further.append(filter_smooth(torsion, ElasticOptions().rate, period))
+        further.append(filter_smooth(torsion, RATE, period))
     return np.column_stack([stops, *further])

@@ -169,7 +169,7 @@ def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]
         # points are what hysteresis follows, and the rest what a fit of torques errs by.
         columns = []
         radii = (1.0 + np.cumsum(np.arange(_PLAYS, dtype=np.float64))) / (_PLAYS * (_PLAYS - 1.0))
-        for rows in runs:
+        for rows, log in zip(runs, moved, strict=True):
             gravity = rows.still @ beta / scale
             # Rounding at a joint that gravity does not load is no torque, and must not look like a constant.
             gravity = np.where(np.max(np.abs(gravity), axis=0) > numerics.RANK, gravity, 0.0)
@@ -177,7 +177,9 @@ def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]
             plays = np.stack([compute_plays(part, radii) for part in torque.T], axis=1)
             direction = np.tanh(rows.speed / width)
             even = np.abs(torque), torque**2
-            plain = (gravity, torque - gravity, *even, torque**3, direction, rows.acceleration)
+            # Dampers beside springs follow the change of the torque.
+            motion = rows.acceleration, differentiate(torque, log.period)
+            plain = (gravity, torque - gravity, *even, torque**3, direction, *motion)
             columns.append(np.concatenate([np.stack(plain, axis=2), plays], axis=2))
         found = estimate_alignment(recordings, columns)
         offsets = np.nan_to_num(found.offsets, nan=0.0)

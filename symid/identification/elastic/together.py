@@ -26,13 +26,16 @@ identify stiffnesses badly in noise, so that the H-step fits them to torques. Si
 and knees other than those at the start.
 """
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.errors import RobotError
@@ -196,7 +199,7 @@ def list_row_times(problem: ElasticProblem, number: int) -> FloatArray:
 def filter_spring(problem: ElasticProblem, spring: Elasticity, joint: int) -> list[FloatArray]:
     """Return F[tau_J] (M,) of a spring at the filtered rows of every recording, N m or N."""
     pairs = zip(problem.signals, problem.filtered, strict=True)
-    return [rows.pass_spring(spring, part, joint, problem.options.rate) for part, rows in pairs]
+    return [rows.pass_spring(spring, part, joint, problem.options.filter_rate) for part, rows in pairs]
 
 
 def compute_spring_torques(problem: ElasticProblem, fit: estimate.MethodFit) -> list[FloatArray]:
@@ -298,22 +301,44 @@ def fit_simultaneous(
         # Less error for the scatter of both sides as it is about the fit.
         design, springs = _follow_springs(problem, fit)
         free = np.isnan(problem.known)
-        base: FloatArray = np.linalg.qr(design[:, free], mode="reduced")[0]
         given = design[:, ~free] @ problem.known[~free]
 
-        def project(values: FloatArray, base: FloatArray = base) -> FloatArray:
-            return np.asarray(values - base @ (base.T @ values))
+        def leave(
+            factors: FloatArray,
+            *,
+            slopes: bool,
+            own: _Springs = springs,
+            design: FloatArray = design[:, free],
+            given: FloatArray = given,
+        ) -> FloatArray:
+            # Residuals (M,) that the best dynamics leave, or their derivatives (M, k) by the factors.
+            scales, ways = own.scale(factors)
+            base = np.linalg.qr(design / scales[:, None], mode="reduced")[0]
+            right = (own.move(factors) - given) / scales
+            left = right - base @ (base.T @ right)
+            if not slopes:
+                return left
+            change = own.differentiate(factors)
+            for joint, way in enumerate(ways):
+                rows = np.flatnonzero(own.links == joint)
+                # A number moves the torque of its own joint alone.
+                mine = [place == joint for place, *_ in own.numbers]
+                change[rows] -= np.outer(left[rows] * scales[rows], np.where(mine, way @ change, 0.0))
+            change /= scales[:, None]
+            return np.asarray(change - base @ (base.T @ change))
 
         found = scipy.optimize.least_squares(
-            lambda factors, own=springs, given=given: project(own.move(factors) - given),
+            partial(leave, slopes=False),
             np.ones(len(springs.numbers)),
-            lambda factors, own=springs: project(own.differentiate(factors)),
+            partial(leave, slopes=True),
             bounds=(0.0, np.inf),
             max_nfev=TRIALS,
             ftol=None,
             xtol=wide.options.tolerance,
         )
-        chi = solve_with_signs(problem.library.card, design, springs.move(found.x), problem.known)
+        scales = springs.scale(found.x)[0]
+        rows, right = design / scales[:, None], springs.move(found.x) / scales
+        chi = solve_with_signs(problem.library.card, rows, right, problem.known)
         fit = estimate.build_method_fit(fit.method, chi, problem.sizes, springs.build(found.x))
         if float(np.max(np.abs(found.x - 1.0), initial=0.0)) < wide.options.tolerance:
             break
@@ -332,21 +357,24 @@ def fit_simultaneous(
 class _Springs:
     """Right sides of all equations as the springs of `start` change by factors (k,) of their numbers.
 
-    `numbers` are the joint of each, its place and what it begins with; `rest` (M,) the sides without springs.
+    `numbers` are the joint of each, its place and what it begins with; `rest` (M,) the sides without springs;
+    `links` (M,) whose link a row belongs to, -1 of motors; `squares` (n,) of the torques at the start.
     """
 
     problem: ElasticProblem
     start: tuple[Elasticity, ...]
     sides: Sequence[_Sides]
-    numbers: Sequence[tuple[int, estimate.SpringPlace, float]]
+    numbers: Sequence[tuple[int, elements.SpringPlace, float]]
     rest: FloatArray
+    links: NDArray[np.intp]
+    squares: tuple[float, ...] = ()
 
     def build(self, factors: FloatArray) -> tuple[Elasticity, ...]:
         springs = list(self.start)
         for (joint, place, value), factor in zip(self.numbers, factors.tolist(), strict=True):
             # At the edge of what springs can be, a number stays.
             with suppress(RobotError):
-                springs[joint] = estimate.move_spring(springs[joint], place, value * factor)
+                springs[joint] = elements.move_spring(springs[joint], place, value * factor)
         return tuple(springs)
 
     def pull(self, joint: int, spring: Elasticity) -> FloatArray:
@@ -357,6 +385,21 @@ class _Springs:
             own[:, :, joint] = side.pulls[:, :, joint] * torque[:, None]
             parts.append(side.free(own).reshape(-1))
         return np.concatenate(parts)
+
+    def scale(self, factors: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return the sizes (M,) of the springs' torque in the rows of links over those at the start, else 1.
+
+        With the torques (n, M) there over their squares, which make of derivatives those of the sizes. Unless
+        links count relative to them, springs and links without any torque fit best.
+        """
+        scales, ways = np.ones(len(self.rest)), np.zeros((len(self.start), len(self.rest)))
+        for joint, spring in enumerate(self.build(factors)):
+            rows, pull = np.flatnonzero(self.links == joint), self.pull(joint, spring)
+            square, start = float(pull @ pull), self.squares[joint]
+            if square > 0.0 and start > 0.0:
+                scales[rows] = math.sqrt(square / start)
+                ways[joint] = pull / square
+        return scales, ways
 
     def move(self, factors: FloatArray) -> FloatArray:
         """Return the right sides (M,)."""
@@ -369,8 +412,8 @@ class _Springs:
         for (joint, place, value), factor in zip(self.numbers, factors.tolist(), strict=True):
             column = np.zeros_like(self.rest)
             with suppress(RobotError):
-                ahead = estimate.move_spring(springs[joint], place, value * (factor + estimate.STEP))
-                column = (self.pull(joint, ahead) - before[joint]) / estimate.STEP
+                ahead = elements.move_spring(springs[joint], place, value * (factor + elements.STEP))
+                column = (self.pull(joint, ahead) - before[joint]) / elements.STEP
             columns.append(column)
         return np.column_stack(columns)
 
@@ -383,8 +426,13 @@ def _follow_springs(problem: ElasticProblem, fit: estimate.MethodFit) -> tuple[F
         (joint, place, value)
         for joint, spring in enumerate(fit.elasticity)
         if problem.gives[joint]
-        for value, place in estimate.list_spring_numbers(spring)
+        for value, place in elements.list_spring_numbers(spring)
     ]
-    springs = _Springs(problem=problem, start=fit.elasticity, sides=sides, numbers=numbers, rest=right)
+    joints = np.arange(problem.sizes[1])
+    links = np.concatenate([np.where(side.pulls > 0.0, joints, -1).reshape(-1) for side in sides])
+    springs = _Springs(
+        problem=problem, start=fit.elasticity, sides=sides, numbers=numbers, rest=right, links=links
+    )
     pulled = springs.move(np.ones(len(numbers))) - right
-    return design, replace(springs, rest=right - pulled)
+    squares = tuple(float(np.sum(springs.pull(*pair) ** 2)) for pair in enumerate(fit.elasticity))
+    return design, replace(springs, rest=right - pulled, squares=squares)

@@ -119,14 +119,14 @@ def evaluate_elastic(
     final, source = estimate.build_fit(library.card), recording
     (recording,) = regression.fill_motor_loads(library, [recording], final.beta)
     signals = regression.prepare_elastic_signals(recording, options, estimate.effects)
-    rows = regression.build_filtered_rows(library, signals, options.rate)
+    rows = regression.build_filtered_rows(library, signals, options.filter_rate)
     motor, link = rows.compute_motor_side(final.chi), rows.compute_link_side(final.chi)
-    torsion = filter_smooth(signals.phi, options.rate, signals.period)[rows.keep]
+    torsion = filter_smooth(signals.phi, options.filter_rate, signals.period)[rows.keep]
 
     def pass_spring(spring: Elasticity | None, joint: int) -> FloatArray | None:
         if spring is None or spring.initial_stiffness is None:
             return None
-        return rows.pass_spring(spring, signals, joint, options.rate)
+        return rows.pass_spring(spring, signals, joint, options.filter_rate)
 
     known = {spring.joint: spring.elasticity for spring in estimate.springs if spring.identifiable}
     truth = {spring.joint: spring.truth for spring in estimate.springs}

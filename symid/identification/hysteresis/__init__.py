@@ -19,7 +19,9 @@ if TYPE_CHECKING:
         validate_element as validate_element,
     )
     from symid.identification.hysteresis.spring_fit import (
+        STEP as STEP,
         SpringData as SpringData,
+        SpringPlace as SpringPlace,
         SpringWeights as SpringWeights,
         build_elasticity as build_elasticity,
         build_knee_grid as build_knee_grid,
@@ -27,9 +29,12 @@ if TYPE_CHECKING:
         compute_place_limits as compute_place_limits,
         compute_slips as compute_slips,
         compute_spring_slopes as compute_spring_slopes,
+        differentiate_spring as differentiate_spring,
         filter_smooth as filter_smooth,
         fit_spring as fit_spring,
         follow_spring as follow_spring,
+        list_spring_numbers as list_spring_numbers,
+        move_spring as move_spring,
         read_weights as read_weights,
         refine_spring as refine_spring,
     )

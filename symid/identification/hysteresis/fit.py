@@ -756,19 +756,24 @@ def predict_output(elasticity: joint_models.Elasticity, path: ElementPath) -> Fl
 
 
 def choose_spring(
-    path: ElementPath, output: FloatArray, kept: NDArray[np.bool_], known: joint_models.Elasticity
+    path: ElementPath,
+    output: FloatArray,
+    kept: NDArray[np.bool_],
+    known: joint_models.Elasticity,
+    speed: FloatArray,
 ) -> tuple[joint_models.Elasticity, str, float, float]:
     """Return the spring of a joint that predicts its torque best with as few numbers as that takes.
 
     A linear one, Bouc-Wen elements, stops without knees, springs of two stiffnesses, one on each side, all
-    passive and with viscous or cubic parts where these help, and `known`, whose errors are those of its fit;
-    it is left only for what is surely better, or for the linear one where it is no better.
+    passive and with viscous or cubic parts where these help, and `known`, all by what they predict of parts
+    that were left out; the linear one stays where none is clearly better.
 
     Args:
         path: torsion (N,), rad or m.
         output: (N,) N m or N.
         kept: (N,) samples that count.
         known: a spring that was fitted to the same.
+        speed: (N,) rad/s or m/s, of the link, whose friction is no reason to leave the linear spring.
 
     Returns:
         the spring; its name, "" for `known`; what it and `known` leave of the output, percent.
@@ -784,22 +789,33 @@ def choose_spring(
         *(families.SidedStops(count=count) for count in (0, GRID)),
     )
     trials = [_fit_form(ElementForm(family=family), task, family.list_starts(data.path)) for family in tried]
-    # Along all samples: a thin path misses small reversals.
-    predicted = replace(whole, output=predict_output(known, path)).thin(SAMPLES).counted
-    # It was fitted to another torque, of nearly the same scale and zero.
-    columns, held = np.column_stack([predicted, np.ones_like(predicted)]), np.empty((0, 2))
-    optimum = _Optimum(point=np.zeros(2), jacobian=columns, error=data.counted - predicted, held=held)
+
+    def predict(spring: joint_models.Elasticity) -> FloatArray:
+        # Along all samples: a thin path misses small reversals.
+        return replace(whole, output=predict_output(spring, path)).thin(SAMPLES).counted
+
+    # Sensors may have other zeros.
+    rates = spring_fit.differentiate_spring(known, predict)
+    columns = np.column_stack([rates, np.ones(len(rates))])
+    point, held = np.zeros(columns.shape[1]), np.empty((0, columns.shape[1]))
+    optimum = _Optimum(point=point, jacobian=columns, error=data.counted - predict(known), held=held)
     own, linear, best = optimum.measure(task), trials[0], _choose(trials)[0]
-
-    def falls(before: FloatArray, after: FloatArray) -> bool:
-        found = compare(before, after)
-        return found.p_of_all < POLICY.alarm and found.fall_of_all > POLICY.fall_of_all
-
-    # Nothing but a clear fall is a reason to leave the known spring, or to call a spring anything but linear.
-    leaves, left = falls(own, best.losses), 100.0 * math.sqrt(float(own.sum()))
-    if not falls(linear.losses, best.losses if leaves else own):
-        best = linear
-    elif not leaves:
+    left, worse = 100.0 * math.sqrt(float(own.sum())), best.score > float(own.sum())
+    # A line, friction of the link, and a damper where it helps.
+    parts = [data.path.position, np.ones_like(data.output), replace(whole, output=speed).thin(SAMPLES).output]
+    parts += [data.path.velocity] if "viscous" in linear.form else []
+    columns = np.column_stack(parts)[data.kept]
+    point = np.asarray(np.linalg.lstsq(columns, data.counted, numerics.RANK)[0], np.float64)
+    error = data.counted - columns @ point
+    straight = replace(optimum, point=point, jacobian=columns, error=error, held=columns[:0]).measure(task)
+    found = compare(straight, own if worse else best.losses)
+    # Nothing but a clear fall is a reason to call a spring anything but linear.
+    if not (found.p_of_all < POLICY.alarm and found.fall_of_all > POLICY.fall_of_all):
+        stiffness, damping = (max(0.0, float(np.sum(part))) for part in (point[0], point[3:]))
+        plain = joint_models.Elasticity(stiffness=stiffness, damping=damping)
+        name = "linear, viscous" if damping else "linear"
+        return plain, name, 100.0 * math.sqrt(float(straight.sum())), left
+    if worse:
         return replace(known, offset=0.0), "", left, left
     name = ", ".join((best.model, *(word for word in ("viscous", "cubic") if word in best.form)))
     # Encoders are brought into line by what gravity does, which leaves some of their offset.

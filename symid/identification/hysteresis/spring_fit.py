@@ -11,7 +11,8 @@ Not supported: cubic springs, damping, an offset of the torsion; adding stops or
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field, replace
+from contextlib import suppress
+from dataclasses import dataclass, field, fields, replace
 from functools import partial
 
 import numpy as np
@@ -19,6 +20,7 @@ import scipy
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, compute_triangle
+from symid.errors import RobotError
 from symid.identification.hysteresis.families import EXACT, GRID, SAMPLES, STARTS, list_lengths
 from symid.identification.judge import POLICY, numerics
 from symid.joint_models import Elasticity, Knee, Stop, compute_stop_basis
@@ -494,3 +496,46 @@ def _leave_pair(weights: SpringWeights) -> SpringWeights:
         knees=np.delete(knees, (0, above)) * slope,
         slopes=np.delete(weights.slopes, (0, above)) / slope,
     )
+
+
+STEP = 1e-4
+"""Of derivatives by differences, relative."""
+SpringPlace = tuple[str, int, str]
+"""Of a number of a spring: the field, which of its parts, and their field; -1 and "" for a number itself."""
+
+
+def list_spring_numbers(spring: Elasticity) -> list[tuple[float, SpringPlace]]:
+    """Return every number of a spring that data decide, and its place."""
+    found = [(getattr(spring, name), (name, -1, "")) for name in ("stiffness", "cubic", "damping")]
+    found += [
+        (getattr(entry, part.name), (name, index, part.name))
+        for name in ("stops", "knees", "branches")
+        for index, entry in enumerate(getattr(spring, name))
+        for part in fields(entry)
+    ]
+    return [pair for pair in found if isinstance(pair[0], float) and pair[0]]
+
+
+def move_spring(spring: Elasticity, place: SpringPlace, value: float) -> Elasticity:
+    """Return a spring with another number in a place; raise RobotError where no spring has it."""
+    name, index, part = place
+    if index < 0:
+        return replace(spring, **{name: value})  # type: ignore[arg-type]  # a number of the spring
+    whole = list(getattr(spring, name))
+    whole[index] = replace(whole[index], **{part: value})
+    return replace(spring, **{name: tuple(whole)})  # type: ignore[arg-type]  # stops, knees or branches
+
+
+def differentiate_spring(spring: Elasticity, compute: Callable[[Elasticity], FloatArray]) -> FloatArray:
+    """Return the derivatives (M, k) of what a spring gives (M,) by all its numbers."""
+    columns = []
+    for number, place in list_spring_numbers(spring):
+        step, sides = STEP * abs(number), []
+        for value in (number + step, number - step, number):
+            # At the edge of what springs can be, such as a knee that all but flattens them, one side is left.
+            with suppress(RobotError):
+                sides.append((move_spring(spring, place, value), value))
+        if len(sides) > 1:
+            (above, high), (below, low) = sides[:2]
+            columns.append((compute(above) - compute(below)) / (high - low))
+    return np.column_stack(columns) if columns else np.empty((len(compute(spring)), 0))

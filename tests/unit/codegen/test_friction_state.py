@@ -6,6 +6,7 @@ import mpmath
 import numpy as np
 import pytest
 
+from benchmarks.friction_rig import compute_largest_level
 from symid.codegen.c_library import build_step_program, generate_friction_state
 from symid.codegen.programs import count_operations
 from symid.joint_models.carriers import build_float_carrier
@@ -14,7 +15,6 @@ from symid.joint_models.dynamic_friction import (
     build_held_path,
     compute_bristle_rate,
     compute_bristle_step,
-    compute_largest_level,
     get_dynamic_law,
     simulate_dynamic_friction,
 )

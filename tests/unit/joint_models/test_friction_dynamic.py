@@ -7,6 +7,7 @@ import pytest
 import sympy
 from hypothesis import given, strategies as st
 
+from benchmarks.friction_rig import compute_largest_level
 from symid.errors import UsageError
 from symid.joint_models.carriers import build_float_carrier, build_numpy_carrier, build_symbol_carrier
 from symid.joint_models.dynamic_friction import (
@@ -17,7 +18,6 @@ from symid.joint_models.dynamic_friction import (
     compute_bristle_rate,
     compute_bristle_step,
     compute_dynamic_torque,
-    compute_largest_level,
     compute_steady_torque,
     compute_torque_derivatives,
     derive_equations,

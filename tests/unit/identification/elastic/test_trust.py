@@ -15,9 +15,7 @@ from symid.identification.elastic.elimination import (
 from symid.identification.elastic.estimate import (
     MODEL_ERROR,
     MethodFit,
-    list_spring_numbers,
     measure_spring_spread,
-    move_spring,
 )
 from symid.identification.elastic.methods import (
     MethodCandidate,
@@ -26,6 +24,7 @@ from symid.identification.elastic.methods import (
     choose_candidate,
     find_contradiction,
 )
+from symid.identification.hysteresis import list_spring_numbers, move_spring
 from symid.identification.judge import POLICY
 from symid.joint_models import BoucWen, Elasticity, Knee, Stop, run_element
 from symid.logs import Recording, low_pass

@@ -178,7 +178,7 @@ def test_a_log_that_begins_far_from_the_end_of_another_keeps_its_spring():
 
 
 def choose(path, torque, known=SPRING):
-    return choose_spring(path, torque, np.ones(len(torque), dtype=bool), known)
+    return choose_spring(path, torque, np.ones(len(torque), dtype=bool), known, np.zeros(len(torque)))
 
 
 def test_stops_with_a_cubic_part_are_found():
