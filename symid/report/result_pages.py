@@ -367,13 +367,20 @@ def judge_element(record: hysteresis.HysteresisRecord) -> FitVerdict:
     What it does not show after reversals is not tested; it counts one class milder than what is left.
     """
     back = 100.0 * hysteresis.measure_return(record.trace.position)
-    left = rate_output(record.held_out)
+    last = record.last_quarter
+    left = rate_output(max(record.held_out, last))
     unseen = {"wrong": "doubtful", "doubtful": "usable"}.get(rate_output(100.0 - back), "good")
-    level = min(left, unseen, key=LEVELS.index)
+    spread = [entry for entry in record.parameters if entry.deviation > 0.0]
+    vague = 2 * sum(entry.deviation > abs(entry.value) for entry in spread) > len(spread)
+    level = min(left, unseen, "usable" if vague else "good", key=LEVELS.index)
     headline = (
         f"{record.model} with {record.candidates[0].count} parameters leaves {record.fitted:.3g} % of the "
         f"output unexplained, {record.held_out:.3g} % held out."
     )
+    if last > record.held_out:
+        headline += f" Of the last quarter, fitted to the rest, it leaves {last:.3g} %."
+    if vague:
+        headline += " Most parameters are less certain than their size."
     if unseen != "good":
         way = f"goes back over only {back:.3g} % of its range" if back else "never turns back"
         headline += f" But the input {way}: what follows a reversal is not tested."

@@ -15,8 +15,8 @@ Robot, seeds -> `TrackingStudy`: how links follow TC in closed loop with feed-fo
     rigid   dynamics of Case 1, springs left out
 
 Robot, library, seed -> `ManyJointsResult`, of any number of joints: the torque of a third random motion that
-elimination and momentum rows of two others leave unexplained. Energy rows separate the parameters of many
-joints badly: their condition number stands beside those of the other rows.
+elimination of two others leaves unexplained. Energy rows separate the parameters of many joints badly: their
+condition number stands beside that of elimination.
 
 Not supported: noise in the control loop; robots with other than two joints, or whose file lacks the truth.
 """
@@ -467,7 +467,7 @@ class ManyJointsResult:
 def study_many_joints(
     robot: Robot, library: Library, condition: SensorCondition, seed: int, *, duration: float = 20.0
 ) -> ManyJointsResult:
-    """Return what elimination and momentum rows leave of a held-out motion; `duration` of each in s.
+    """Return what elimination leaves of a held-out motion; `duration` of each in s.
 
     A UsageError: the robot file lacks values, or joints are not all elastic.
     """
@@ -487,16 +487,13 @@ def study_many_joints(
         left = np.linalg.norm(torque - design @ chi, axis=0)
         return tuple((100.0 * left / np.linalg.norm(torque, axis=0)).tolist())
 
-    rows = problem.stack_filtered()[0].reshape(-1, len(truth))
+    rows, fit = problem.stack_filtered()[0].reshape(-1, len(truth)), elastic.fit_elimination(problem)
     return ManyJointsResult(
         robot=robot.name,
         joints=tuple(joint.name for joint in robot.axes),
         condition=condition,
         parameters=len(truth),
-        methods=tuple(
-            HeldOut(method=fit.method, residual=compute_shares(fit.chi), floor=compute_shares(truth))
-            for fit in (elastic.fit_elimination(problem), elastic.fit_momentum(problem))
-        ),
+        methods=(HeldOut(method=fit.method, residual=compute_shares(fit.chi), floor=compute_shares(truth)),),
         condition_elimination=_compute_condition(rows),
         condition_energy=_compute_condition(problem.design),
         notices=warn_of_energy(library.card.size),

@@ -32,7 +32,7 @@ def test_a_spring_on_its_own(capsys):
     assert lines[2].startswith("True 1500.0")
 
 
-def test_friction_with_a_memory_and_a_rig_for_it(tmp_path, monkeypatch, capsys):
+def test_friction_with_a_memory(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     names = run_section("friction_dynamic.md", "# Friction with a memory", "## In C")
     lines = capsys.readouterr().out.splitlines()
@@ -40,13 +40,6 @@ def test_friction_with_a_memory_and_a_rig_for_it(tmp_path, monkeypatch, capsys):
     assert lines[1].startswith(r"\dot z = ")
     assert lines[2] == "True"
     assert np.abs(names["torque"]).max() < 15.0 + 25.0 * 0.02 + 100.0 * 0.02
-    names = run_section("friction_dynamic.md", "# Friction with a memory", "## Identification")
-    for run in map(names.get, ("pulled", "pushed", "steered")):
-        gap = run.energy - run.energy[0] - run.work + run.loss
-        assert np.abs(gap).max() < 1e-6 * max(run.work.max(), run.energy.max())
-    # The spring breaks away between fC and fS, earlier the faster it pulls; 10 N bend the bristles only.
-    assert 10.0 < names["pulled"].force.max() < 15.0
-    assert names["pushed"].position[-1] < 2e-3
 
 
 def test_every_picture_of_the_gallery_is_drawn_by_the_lines_above_it(tmp_path, monkeypatch):

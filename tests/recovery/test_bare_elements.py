@@ -28,6 +28,7 @@ def fit_own(name):
 @pytest.mark.parametrize("name", TRUTHS)
 def test_its_own_model_predicts_other_amplitudes(name):
     fit = fit_own(name)
+    assert 0.0 < fit.record.last_quarter < 4.0
     for amplitude in (0.7, 0.9) if name in WITHIN else (0.7, 1.4):
         t, x = make_input(3, amplitude)
         y = TRUTHS[name](t, x)

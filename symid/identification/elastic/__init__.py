@@ -7,7 +7,6 @@ if TYPE_CHECKING:
     from symid.identification.elastic.elimination import (
         fit_elimination as fit_elimination,
         fit_independent as fit_independent,
-        fit_momentum as fit_momentum,
     )
     from symid.identification.elastic.estimate import (
         ElasticEstimate as ElasticEstimate,

@@ -1,7 +1,6 @@
 """Dynamics without the springs: motor and link equations added, so that the joint torque cancels.
 
     elimination  [Y_link | Y_motor] chi = F[tau]
-    momentum     Delta(Yp beta) - int YL beta dt + IA Delta(dtheta) + int Yf f dt = int tau dt
     band         d/dt G[Yp] beta - G[YL] beta + IA d/dt G[dtheta] + G[Yf] f = G[tau],  G a zero-phase low-pass
     independent  dynamics from motions of all joints together; then the hysteresis of each joint from slow
                  motions of that joint alone: its torque from the motor equation, its torsion by the link
@@ -32,7 +31,6 @@ from symid.identification.elastic import regression
 from symid.identification.elastic.estimate import MethodFit, build_method_fit, compute_covariance
 from symid.identification.hysteresis import filter_smooth
 from symid.identification.judge import POLICY, adjust_chances, numerics
-from symid.identification.regression import choose_windows, integrate_windows
 from symid.logs import Recording, differentiate_smooth, estimate_density, low_pass
 from symid.robot import Processing
 
@@ -116,18 +114,6 @@ def fit_band(
     return BandFit(chi=chi, covariance=covariance, scatter=scatter)
 
 
-def fit_momentum(problem: regression.ElasticProblem) -> MethodFit:
-    """Return dynamics from momenta, and the springs that remain; raise UsageError if windows do not fit."""
-    length, card = problem.options.window, problem.library.card
-    parts = [_integrate_equations(problem.library, signals, length) for signals in problem.signals]
-    design, impulse = (np.concatenate(part) for part in zip(*parts, strict=True))
-    solve = partial(regression.solve_with_signs, card, known=problem.known)
-    group = np.tile(np.arange(card.size), len(impulse))
-    chi, *_ = solve_weighted(solve, design.reshape(-1, design.shape[2]), impulse.reshape(-1), group)
-    springs = problem.fit_springs(problem.compute_motor_side(chi))
-    return build_method_fit("momentum", chi, problem.sizes, springs)
-
-
 _STATES = 5.0
 """Of the cut-off of the states to the band's edge: the rows' filter comes after kinks of friction."""
 
@@ -140,26 +126,6 @@ the states, which columns come after and torques before, must not weaken it."""
 def get_wide_cutoff(period: float, band: float) -> float:
     """Return the cut-off of the states in Hz, for a sample period in s and motion up to `band` Hz."""
     return min(_STATES * regression.choose_edge(period, band), 0.4 / period)
-
-
-def _integrate_equations(
-    library: Library, signals: regression.ElasticSignals, length: float
-) -> tuple[FloatArray, FloatArray]:
-    """Return design (m, n, p + n + pf) and impulses (m, n) in N m s or N s of windows of `length` s."""
-    first = signals.settled
-    windows = choose_windows(len(signals.time) - first, signals.period, length)
-
-    def rise(values: FloatArray) -> FloatArray:
-        return np.diff(values[first:][windows.ends], axis=0)
-
-    design = regression.build_equations(
-        library, signals, rise, lambda values: integrate_windows(values[first:], windows)
-    )
-    if signals.hold != "zero":
-        return design, integrate_windows(signals.tau[first:], windows)
-    # The integral of a held torque is exact.
-    held = signals.tau[first:][: windows.count * windows.intervals]
-    return design, windows.period * held.reshape(windows.count, windows.intervals, -1).sum(axis=1)
 
 
 def filter_band(

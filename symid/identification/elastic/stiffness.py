@@ -36,6 +36,7 @@ from symid.logs import (
     Recording,
     align,
     differentiate,
+    differentiate_smooth,
     estimate_alignment,
     get_encoders,
     keep_significant,
@@ -206,8 +207,8 @@ def _align(
         notices = tuple(recording.notices[-1] for recording in moved)
     if refuted:
         text = (
-            f"the link encoders look {1e3 * found.delay:.3g} ms late, but the motors' torque says that they "
-            "are not: the links have friction. The delay was left alone"
+            f"the link encoders look {1e3 * found.delay:.3g} ms late, but the motors' torque does not show "
+            "it: friction of the links or dampers beside springs look alike. The delay was left alone"
         )
         notices = (*notices, Notice(code="log.delay-refuted", text=text))
     pairs = zip(library.card.joints, found.unknown, strict=True)
@@ -223,9 +224,9 @@ def _align(
 
 
 def _refute_delay(library: Library, recordings: Sequence[Recording], alignment: Alignment) -> bool:
-    """Return whether the motors' torque speaks against a delay of the link encoders."""
-    # Viscous friction of the links gives the same torsion as a delay; the spring's torque on the motor tells
-    # them apart: tau = [ddtheta, friction, spring and stops of the torsion] x, fitted with and without it.
+    """Return whether the motors' torque could show a delay of the link encoders, and does not."""
+    # Viscous friction of the links and dampers give the same torsion as a delay; the spring's torque on the
+    # motor tells them apart: tau = [ddtheta, friction, spring, stops, damper] x, fitted with and without it.
     # Where motor and link move as one, no torque tells a delay from friction: the delay is the likelier.
     apart = moves = 0.0
     for motor, link in map(regression.get_encoder_positions, recordings):
@@ -234,26 +235,27 @@ def _refute_delay(library: Library, recordings: Sequence[Recording], alignment: 
     if not any(library.card.yielding) or apart < regression.APART**2 * moves:
         return False
     bases, size, losses = len(library.card.beta), library.card.size, []
-    for entry in (alignment, replace(alignment, delay=0.0)):
+    for entry in (replace(alignment, delay=0.0), alignment):
         # The mean square that motor and spring leave of the torque in every part of the runs, relative.
         parts = []
         for run, recording in enumerate(recordings):
             moved = shift_link_channel(recording, entry, run=run)
             signals = regression.prepare_elastic_signals(moved, ElasticOptions())
-            rate = partial(differentiate, period=signals.period)
+            rate = partial(differentiate_smooth, period=signals.period)
             design = regression.build_equations(library, signals, rate, np.asarray)
             for joint in range(size):
                 torsion, torque = signals.phi[:, joint], signals.tau[:, joint]
                 if not np.ptp(torsion) > 0.0 or not np.ptp(torque) > 0.0:
                     continue
-                basis = regression.build_spring_basis(torsion - torsion.mean())
-                whole = np.column_stack([design[:, joint, bases:], basis])
+                # A damper beside the spring is no delay either.
+                basis = regression.build_spring_basis(torsion - torsion.mean()), rate(torsion)
+                whole = np.column_stack([design[:, joint, bases:], *basis])
                 whole, right = whole[signals.settled :], torque[signals.settled :]
                 left = right - whole @ solve_scaled(whole, right, rcond=numerics.RANK)
                 parts += [np.mean(part**2) / np.var(torque) for part in np.array_split(left, _BLOCKS)]
         losses.append(np.array(parts)[:, None])
     gain = compare(*losses)
-    return gain.p_of_all < POLICY.alarm and gain.fall_of_all * (1.0 - POLICY.relevance) > 1.0
+    return not (gain.p_of_all < POLICY.alarm and gain.fall_of_all * (1.0 - POLICY.relevance) > 1.0)
 
 
 def prepare_aligned(

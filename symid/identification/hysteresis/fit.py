@@ -89,6 +89,8 @@ class HysteresisRecord(FrozenArrays):
         parameters: all its numbers but those that are zero.
         candidates: all models that were tried, the best predicting first; passive: of the chosen one.
         fitted, held_out: as in `HysteresisCandidate`, percent.
+        last_quarter: the same of the last quarter of the input's way, predicted by a fit to the rest; 0 where
+            it is not known.
         samples: number; skipped: of them, at the beginning, not fitted; span: least and largest input; speed:
             the largest; output: rms about its mean.
         timed: whether the time of the samples was known.
@@ -103,6 +105,7 @@ class HysteresisRecord(FrozenArrays):
     passive: bool
     fitted: float
     held_out: float
+    last_quarter: float = 0.0
     samples: int
     skipped: int
     span: tuple[float, float]
@@ -669,6 +672,7 @@ def fit_hysteresis(
         passive=joint_models.is_passive_element(elasticity),
         fitted=100.0 * float(np.std((y - predicted)[whole.kept])) / spread,
         held_out=candidates[0].held_out,
+        last_quarter=_predict_last_quarter(chosen, task, whole),
         samples=len(x),
         skipped=int(np.count_nonzero(~whole.kept)),
         span=(float(x.min()), float(x.max())),
@@ -677,6 +681,19 @@ def fit_hysteresis(
         timed=task.timed,
         trace=trace,
     )
+
+
+def _predict_last_quarter(trial: _ElementTrial, task: _Task, whole: ElementData) -> float:
+    """Return what the model leaves of the last quarter of the way, fitted anew to the rest, percent."""
+    data, path = task.data, task.data.path
+    last = int(np.argmax(4 * _cut(whole.path.position) >= 3 * _PARTS))
+    count = int(np.searchsorted(np.cumsum(path.period), np.cumsum(whole.path.period)[last]))
+    parts = path.position[:count], path.velocity[:count], path.period[:count]
+    early = replace(path, position=parts[0], velocity=parts[1], period=parts[2])
+    first = ElementData(path=early, output=data.output[:count], kept=data.kept[:count])
+    again = trial.refit(replace(task, data=first))
+    error = (whole.output - predict_output(again.elasticity, whole.path))[last:]
+    return 100.0 * float(np.std(error)) / float(np.std(whole.counted))
 
 
 def predict_element(

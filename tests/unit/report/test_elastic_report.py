@@ -423,7 +423,8 @@ def test_an_estimate_is_tried_with_its_own_filters_and_knows_its_logs(library, t
         evaluate_elastic(build_estimate(rate=rate), library, log).joints for rate in (60.0, 120.0)
     )
     np.testing.assert_array_equal(joint.truth, joint.final)
-    lag = np.max(np.abs(other.torsion - joint.torsion))
+    # Rows are as many a time constant of the filter.
+    lag = np.max(np.abs(other.torsion[::2] - joint.torsion))
     assert lag > 0.02 * np.max(np.abs(joint.torsion))
     copy = tmp_path / "copy.npz"
     copy.write_bytes(b"the same bytes")

@@ -64,10 +64,9 @@ def test_clean_and_noisy_logs_give_the_torque_of_another_motion(puma):
         assert max(entry.floor) < 1e-3
     assert [notice.code for notice in found.notices] == ["identify.energy-rank"]
     found = elastic_study.study_many_joints(*puma, elastic_study.SensorCondition.NOISY, 3, duration=6.5)
-    elimination, momentum = (np.array(entry.residual) / np.array(entry.floor) for entry in found.methods)
-    # Elimination weighs all joints alike, so that noise of the strong ones reaches the wrist.
+    (elimination,) = (np.array(entry.residual) / np.array(entry.floor) for entry in found.methods)
+    # It weighs all joints alike, so that noise of the strong ones reaches the wrist.
     assert np.all(elimination < 2.5)
-    assert np.all(momentum < 1.3)
 
 
 def test_the_truth_must_be_stated_and_the_plane_arm_have_two_joints(robots_folder, puma):
