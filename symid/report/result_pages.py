@@ -380,7 +380,7 @@ def judge_element(record: hysteresis.HysteresisRecord) -> FitVerdict:
     if last > record.held_out:
         headline += f" Of the last quarter, fitted to the rest, it leaves {last:.3g} %."
     if vague:
-        headline += " Most parameters are less certain than their size."
+        headline += " Most standard deviations exceed their values."
     if unseen != "good":
         way = f"goes back over only {back:.3g} % of its range" if back else "never turns back"
         headline += f" But the input {way}: what follows a reversal is not tested."

@@ -15,24 +15,13 @@ from symid.study.foreign_plant import simulate_plant_runs
 from symid.study.foreign_truths import ARMS, build_motions, build_truth, observe_plant, write_arm
 from tests.recovery.elastic_runs import identify_elastic, run_arm
 
-BENCH = """
-name = "coupling_bench"
-convention = "modified"
-gravity = [0, 0, -9.81]
-[[joint]]
-name = "coupling"
-kind = "revolute"
-drive = { rotor_inertia = "unknown", rotor_inertia_side = "joint" }
-friction = { model = "coulomb-viscous", smoothing = 0.01 }
-elasticity = { stiffness = "unknown" }
-"""
 TRUTH = {"ZZR1": 1.16, "MXR1": 3.0, "MY1": 0.0, "ZZ2": 0.35, "MX2": 0.8, "MY2": 0.0, "IA1": 0.8, "IA2": 0.25}
 SIZES = {**TRUTH, "MY1": 3.0, "MY2": 0.8}
 
 
 @pytest.fixture(scope="module")
 def bench(shared_data, load_text):
-    robot, data = load_text(BENCH, "bench"), np.load(shared_data / "coupling_bench" / "run_b.npz")
+    robot, data = load_text(couplings.ROBOT, "bench"), np.load(shared_data / "coupling_bench" / "run_b.npz")
     names = {"theta": "theta_motor", "tau": "current", "q": "theta_load"}
     parts = {name: data[column][:25000, None] for name, column in names.items()}
     log = symid.build_log(robot, time=data["t"][:25000], **parts | {"q": -parts["q"]})

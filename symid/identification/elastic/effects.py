@@ -503,16 +503,16 @@ def measure_link_friction(library: Library, signals: Sequence[ElasticSignals], b
             weights = solve_scaled(whole, torque, rcond=numerics.RANK)
             before.append(torque - basis @ solve_scaled(basis, torque, rcond=numerics.RANK))
             after.append(torque - whole @ weights)
-            values.append((float(weights[-1]), float(compute_covariance(whole, after[-1])[-1, -1])))
+            # Infinite where a joint does not move enough; zero would be no noise at all.
+            variance = max(float(compute_covariance(whole, after[-1])[-1, -1]), numerics.TINY)
+            values.append((float(weights[-1]), variance))
         if not rows or min(value for value, _ in values) < 0.0:
             continue
         gain, information = _compare_errors(before, after), sum(1.0 / variance for _, variance in values)
-        if gain.p_of_all < POLICY.alarm and gain.fall_of_all > _WAVE:
+        if information > 0.0 and gain.p_of_all < POLICY.alarm and gain.fall_of_all > _WAVE:
             value = sum(value / variance for value, variance in values) / information
-            own = DriveEffect(
-                kind="link-friction", joint=joint, values=(value,), deviations=(information**-0.5,)
-            )
-            found.append(own)
+            spread = (information**-0.5,)
+            found.append(DriveEffect(kind="link-friction", joint=joint, values=(value,), deviations=spread))
     return tuple(found)
 
 
