@@ -29,7 +29,6 @@ if TYPE_CHECKING:
         compute_bristle_rate as compute_bristle_rate,
         compute_bristle_step as compute_bristle_step,
         compute_dynamic_torque as compute_dynamic_torque,
-        compute_torque_derivatives as compute_torque_derivatives,
         count_states as count_states,
         derive_equations as derive_equations,
         get_dynamic_law as get_dynamic_law,

@@ -17,7 +17,7 @@ elements of Maxwell-slip are springs that slip at their share a_k of g:
 
 Supported: any carrier; several runs in one recording; a velocity of the step other than that of the sample.
 Not supported: Dahl's exponent other than one, sigma1 that depends on the velocity, turning back in a step;
-attraction of Maxwell-slip elements that takes time, and a presliding fit of them.
+attraction of Maxwell-slip elements that takes time.
 """
 
 import difflib
@@ -346,15 +346,6 @@ def simulate_dynamic_friction(
     check_dynamic_values(law, values)
     torque, states = _compute_run(law, [np.float64(value) for value in values], path, state)
     return DynamicRun(torque=freeze(torque), state=freeze(states))
-
-
-def compute_torque_derivatives(
-    law: DynamicLaw, values: Sequence[float], path: FrictionPath, which: Sequence[int]
-) -> FloatArray:
-    """Return the derivatives (N, p) of the torque by the values numbered `which`; bristles begin straight."""
-    steps = carriers.list_complex_steps(values, which)
-    columns = [np.imag(_compute_run(law, moved, path, 0.0)[0]) / step for moved, step in steps]
-    return np.reshape(columns, (len(which), len(path.held))).T
 
 
 Expression = Any

@@ -475,7 +475,7 @@ STATE_LAWS: dict[str, FrictionLaw] = {
         ),
     )
 }
-"""Laws with a state; chosen by name, never by a search."""
+"""Laws with a state."""
 
 _LARGEST_EXPONENT = 10.0
 """As in robot files; beyond it a fall is a step that no log resolves, and its derivatives overflow."""

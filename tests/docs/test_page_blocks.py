@@ -23,7 +23,7 @@ HERE = {
     "elastic.md": ("[joint.elasticity]",),
     "embedded.md": ("void control",),
     "fleet.md": ("# plant.toml", "symid fleet", "progress=print", "SLURMCluster"),
-    "friction_dynamic.md": ("fit_presliding(samples", "symid_friction_lugre_init"),
+    "friction_dynamic.md": ("fit_friction(samples", "symid_friction_lugre_init"),
     "logs.md": ("[log]", "[[run]]"),
     "robot_file.md": ("[log]", 'model = "bouc-wen"', "symid_arm_shoulder_inverse"),
 }
@@ -79,7 +79,7 @@ def test_c_and_a_fit_for_friction_with_a_memory(tmp_path, c_compiler, capsys):
     motion = SpringDrive(stiffness=2000.0, speed=0.02)
     run = simulate_friction_rig(Rig(law=law, values=values, mass=1.0), motion, RigOptions(duration=2.0))
     names = {"law": law, "samples": build_samples(run, 1)}
-    exec(find_block("friction_dynamic.md", "fit_presliding(samples"), names)  # noqa: S102  the page's own example
+    exec(find_block("friction_dynamic.md", "fit_friction(samples"), names)  # noqa: S102  the page's own example
     assert capsys.readouterr().out.startswith("[('")
 
 

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
         compute_law_sensitivities as compute_law_sensitivities,
     )
     from symid.identification.friction.poses import CONFIDENCE as CONFIDENCE, PoseTest as PoseTest
-    from symid.identification.friction.presliding import fit_presliding as fit_presliding
     from symid.identification.friction.problem import (
         FrictionOptions as FrictionOptions,
         build_problem as build_problem,

@@ -23,6 +23,7 @@ from symid.errors import Notice, SolverError, UsageError
 from symid.identification.estimators import ParameterEstimate
 from symid.identification.friction import joint_fit, searches
 from symid.identification.friction.joint_fit import FrictionEstimate, FrictionSamples, FrictionSearch
+from symid.identification.friction.presliding import fit_memory
 from symid.identification.friction.problem import SPEED_UNITS, FrictionOptions, FrictionProblem, build_problem
 from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import solve_scaled
@@ -239,6 +240,7 @@ _DRAWN: dict[str, Callable[..., FrictionSearch]] = {
     "genetic": partial(searches.search_by_population, anneal=False),
     "annealing": partial(searches.search_by_population, anneal=True),
 }
+DEFAULT_ESTIMATOR = "varpro"
 ESTIMATORS, STOCHASTIC = (*_EXACT, *_DRAWN), frozenset(_DRAWN)
 
 
@@ -246,11 +248,11 @@ def fit_friction(
     samples: FrictionSamples,
     law: FrictionLaw,
     *,
-    estimator: str = "varpro",
+    estimator: str = DEFAULT_ESTIMATOR,
     options: FrictionOptions | None = None,
     generator: np.random.Generator | None = None,
 ) -> FrictionEstimate:
-    """Return the law's parameters and their uncertainty.
+    """Return the law's parameters and their uncertainty; those of a law with a state need positions.
 
     `estimator` is one of `ESTIMATORS`; `generator` that of a stochastic search, by default a new one from
     `options.seed`.
@@ -261,13 +263,22 @@ def fit_friction(
         SolverError: the search ended without usable numbers.
     """
     options = options or FrictionOptions()
+    check_estimator(estimator, law)
+    if law.memory:
+        return fit_memory(samples, law).estimate
     problem = build_problem(samples, law, options)
     search = search_friction(problem, estimator=estimator, options=options, generator=generator)
     return build_estimate(problem, search, estimator)
 
 
-def check_estimator(estimator: str) -> None:
-    """Raise UsageError for an unknown estimator."""
+def check_estimator(estimator: str, law: FrictionLaw | None = None) -> None:
+    """Raise UsageError for an unknown estimator, or one that cannot fit a law."""
+    if law is not None and law.memory and (estimator != DEFAULT_ESTIMATOR or law.smoothing):
+        text = (
+            f"friction model {law.name!r} has a state: it is fitted without smoothing, by the estimator "
+            f"{DEFAULT_ESTIMATOR!r}; leave these options out"
+        )
+        raise UsageError(Notice(code="usage.friction-state", text=text))
     if estimator not in ESTIMATORS:
         near = difflib.get_close_matches(estimator, ESTIMATORS, n=1, cutoff=0.4)
         hint = f"did you mean {near[0]}? " if near else ""

@@ -264,17 +264,31 @@ ROTOR = "IA"
 _PHYSICAL = {"J": "J ddq", "a": "a sin q", "b": "b cos q"}
 
 
+_SLOW = "identify.slow-rows"
+
+
 class ExtractedJoint(NamedTuple):
     """Samples of one joint, how the rigid part was treated (a sentence), and notices of rows left out.
 
-    `samples` are the rows `kept` (m,) of `whole`, which has the slow ones too.
+    `samples` are the rows `kept` (m,) of `whole`, which has the slow ones too, and those that are `bad` (m,).
     """
 
     samples: FrictionSamples
     whole: FrictionSamples
     kept: NDArray[np.bool_]
+    bad: NDArray[np.bool_]
     rigid: str
     notices: tuple[Notice, ...]
+
+    @property
+    def all_rows(self) -> FrictionSamples:
+        """Return the samples with slow rows."""
+        return self.whole.select_rows(~self.bad) if self.bad.any() else self.whole
+
+    def keep_slow(self) -> "ExtractedJoint":
+        """Return the joint with slow rows among those that count."""
+        notices = tuple(entry for entry in self.notices if entry.code != _SLOW)
+        return self._replace(samples=self.all_rows, kept=~self.bad, notices=notices)
 
 
 def describe_cutoffs(logs: JointLogs) -> tuple[Notice, ...]:
@@ -396,7 +410,7 @@ def extract_joint(
             f"{'m/s' if samples.prismatic else 'rad/s'} were left out (processing.standstill), below which "
             "friction is extrapolated. If no joint sticks, keep them with --set processing.standstill=0"
         )
-        notices.append(Notice(code="identify.slow-rows", text=text))
+        notices.append(Notice(code=_SLOW, text=text))
     if count > 6:
         text = (
             f"joint {card.name!r}: {count} columns of the rigid part were fitted along, which "
@@ -409,7 +423,9 @@ def extract_joint(
         kept &= ~bad
         notices.append(regression.warn_of_bad(samples.joint, bad))
     left = samples if kept.all() else samples.select_rows(kept)
-    return ExtractedJoint(samples=left, whole=samples, kept=kept, rigid=sentence, notices=tuple(notices))
+    return ExtractedJoint(
+        samples=left, whole=samples, kept=kept, bad=bad, rigid=sentence, notices=tuple(notices)
+    )
 
 
 def _treat_rigid(

@@ -11,7 +11,8 @@ Validation is what identified friction predicts of a log that it was not fitted 
     tau^ = Phi(dq; shape) linear + X other,    relative residual = |R (tau - tau^)| / |R tau|
 
 X are the columns that were fitted along; known base parameters are subtracted from tau, as in the fit.
-Not supported: elastic joints; friction with a state (`presliding`); joints whose rigid part was left open.
+Laws with a state (`presliding`) are candidates where slow rows carry much of what is left; they fit all rows.
+Not supported: elastic joints; joints whose rigid part was left open; poses of laws with a state.
 """
 
 import json
@@ -30,12 +31,18 @@ from symid.errors import EstimateError, IdentifiabilityError, LogError, Notice, 
 from symid.identification import estimators, regression
 from symid.identification.diagnostics import build_warning
 from symid.identification.friction import extraction, joint_fit
-from symid.identification.friction.estimators import check_estimator, fit_friction
-from symid.identification.friction.extraction import JointLogs
+from symid.identification.friction.estimators import DEFAULT_ESTIMATOR, check_estimator, fit_friction
+from symid.identification.friction.extraction import ExtractedJoint, JointLogs
 from symid.identification.friction.joint_fit import FrictionEstimate, FrictionSamples
 from symid.identification.friction.poses import PoseTest, compare_poses, warn_of_friction_pattern
 from symid.identification.friction.problem import FrictionOptions
-from symid.identification.friction.selection import CANDIDATE_LAWS, measure_motion, predict_rows, select_law
+from symid.identification.friction.selection import (
+    CANDIDATE_LAWS,
+    measure_motion,
+    predict_rows,
+    select_law,
+    select_memory,
+)
 from symid.identification.judge import POLICY
 from symid.joint_models import NO_FRICTION, FrictionLaw, FrictionValues, get_law, has_sign, rename_law
 from symid.logs import Recording, cut_ends, describe_overlap, measure_overlap
@@ -154,7 +161,8 @@ def build_robot_friction(joint: JointFriction) -> FrictionValues | str:
         return "; ".join(wrong)
     # Robot files refuse a smoothing where there is no sign.
     smoothing = joint.smoothing if has_sign(get_law(law.name)) else 0.0
-    return FrictionValues(law=law.name, values=estimate.linear, shape=estimate.shape, smoothing=smoothing)
+    values, shape, bristles = estimate.linear, estimate.shape, estimate.bristles
+    return FrictionValues(law=law.name, values=values, shape=shape, smoothing=smoothing, bristles=bristles)
 
 
 def set_identified_friction(robot: Robot, found: FrictionIdentification) -> Robot:
@@ -184,7 +192,7 @@ class FrictionTask:
 
     model: str | Mapping[str, str] = AUTO
     candidates: tuple[str, ...] = CANDIDATE_LAWS
-    estimator: str = "varpro"
+    estimator: str = DEFAULT_ESTIMATOR
     options: FrictionOptions = field(default_factory=FrictionOptions)
     beta: FloatArray | None = None
     smoothing: float = FrictionValues().smoothing
@@ -286,13 +294,7 @@ def _check_task(task: FrictionTask, recordings: Sequence[Recording]) -> None:
         raise UsageError(Notice(code="usage.friction-smoothing", text=text))
     asked = [task.model] if isinstance(task.model, str) else task.model.values()
     for name in (name for name in asked if name != AUTO):
-        if (law := get_law(name)).memory:
-            curve = "stribeck-exponent" if law.shape else "coulomb-viscous"
-            text = (
-                f"friction model {law.name!r} has a state, of which sliding says nothing: fit its curve, "
-                f"{curve!r}, and its bristles with symid.identification.friction.fit_presliding from Python"
-            )
-            raise UsageError(Notice(code="usage.friction-state", text=text))
+        check_estimator(task.estimator, get_law(name, smoothing=task.smoothing))
         if unused := _warn_of_smoothing(get_law(name, smoothing=task.smoothing)):
             raise UsageError(Notice(code="usage.friction-smoothing", text=f"{unused[0].text}; leave it out"))
     if len(task.periods) not in {0, 1, len(recordings)}:
@@ -318,14 +320,23 @@ def _identify_joint(
         look_up = partial(get_law, smoothing=task.smoothing)
         selection, estimate = select_law(samples, task.candidates, look_up=look_up, options=options)
         name = selection.chosen
+        if task.estimator == DEFAULT_ESTIMATOR and _shows_memory(extracted, look_up(name), estimate):
+            memory = select_memory(extracted.all_rows, look_up(name), options)
+            selection, estimate = memory or (selection, estimate)
+            name = selection.chosen
     law = get_law(name, smoothing=task.smoothing)
     check_inputs(samples, law)
+    if law.memory:
+        extracted = extracted.keep_slow()
+        samples = extracted.samples
     if estimate is None or task.estimator != estimate.estimator or task.options.bounds:
         estimate = fit_friction(samples, law, estimator=task.estimator, options=task.options)
     torque = samples.rows.torque
     left = torque - predict_rows(samples, law, estimate)
     residual = estimators.Residual.measure(samples.joint, left, torque, card.torque_unit, estimate.sigma)
-    warnings = [*warn_of_friction_pattern(samples, law, estimate), *warn_of_inertia(estimate)]
+    warnings = [*warn_of_inertia(estimate)]
+    if not law.memory:
+        warnings += warn_of_friction_pattern(samples, law, estimate)
     if residual.relative_percent > POLICY.usable:
         text = (
             f"the residual is {residual.relative_percent:.3g} % of the torque. Check units (radians, not "
@@ -344,7 +355,7 @@ def _identify_joint(
         rigid += f"; a factor on the load would be {gain.value:.4g} +- {gain.deviation:.2g} (1 was taken)"
     warnings += [*_warn_of_smoothing(law), *regression.warn_of_load_gain(gain)]
     estimate = replace(estimate, notices=(*estimate.notices, *warnings))
-    poses = compare_poses(logs, joint, law, beta=task.beta) if task.poses else None
+    poses = compare_poses(logs, joint, law, beta=task.beta) if task.poses and not law.memory else None
     texts = [
         f"{held}: not in the comparison of poses: {why}" for held, why in (poses.skipped if poses else ())
     ]
@@ -365,6 +376,16 @@ def _identify_joint(
         sources=tuple(logs.sources[run] for run in logs.list_moving(joint)),
     )
     return found, (*skipped, *extracted.notices, *named)
+
+
+def _shows_memory(extracted: ExtractedJoint, law: FrictionLaw, estimate: FrictionEstimate) -> bool:
+    """Return whether slow rows carry squares that no law leaves of rows in motion, enough to matter."""
+    samples = extracted.all_rows
+    rows, errors = samples.rows, samples.rows.torque - predict_rows(samples, law, estimate)
+    slow = estimators.find_phases(rows.time, rows.velocity, rows.run) > 0
+    usual = float(np.mean(errors[~slow] ** 2)) if not slow.all() else 0.0
+    excess = float(np.sum(errors[slow] ** 2)) - usual * int(slow.sum())
+    return excess > POLICY.relevance * float(np.sum(errors**2))
 
 
 _LACKING = {
@@ -579,7 +600,8 @@ def _choose_rows(
         inside |= (speed >= np.min(fitted, initial=np.inf)) & (speed <= fastest)
         # Five percent faster, a law is extrapolated.
         far |= speed > 1.05 * fastest
-    moving = np.abs(rows.velocity) >= standstill
+    # What has a state holds at rest, too.
+    moving = (np.abs(rows.velocity) >= standstill) | bool(law.memory)
     kept = moving & inside if refused else moving
     if not kept.any():
         reason = "every row is slower than processing.standstill, or at speeds that were not fitted"

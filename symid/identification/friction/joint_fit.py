@@ -26,9 +26,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze, freeze_fields
-from symid.errors import LogError, Notice
+from symid.errors import IdentifiabilityError, LogError, Notice
 from symid.identification.estimators import ParameterEstimate
-from symid.identification.judge import numerics
+from symid.identification.judge import POLICY, numerics
 from symid.ipopt import Ending
 from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_columns
 from symid.logs import decimate
@@ -261,12 +261,12 @@ class LawFit:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionEstimate(LawFit):
-    """The fit of a static law.
+    """The fit of a law.
 
     Args:
         estimator: its name; `settings` the options and counts of the search.
-        linear: (p,) of the law; shape: (s,) its nonlinear unknowns. With `other` they predict torques of
-            motions like those fitted.
+        linear: (p,) of the law; shape: (s,) its nonlinear unknowns; bristles: what a law with a state
+            remembers with. With `other` they predict torques of motions like those fitted.
         covariance: of (linear, shape, other), row by row; zero in directions that are not identifiable.
         solves: linear problems solved; iterations: or generations; ended: the stop rule in words.
         aicc, bic: information criteria; condition: of the column-scaled Jacobian.
@@ -276,6 +276,7 @@ class FrictionEstimate(LawFit):
     estimator: str
     linear: tuple[float, ...] = field(metadata=HIDDEN)
     shape: tuple[float, ...] = field(metadata=HIDDEN)
+    bristles: tuple[float, ...] = field(default=(), metadata=HIDDEN)
     covariance: tuple[tuple[float, ...], ...] = field(metadata=HIDDEN)
     solves: int
     iterations: int
@@ -300,6 +301,24 @@ class FrictionSearch(NamedTuple):
     outcome: Ending
     ended: str
     settings: tuple[tuple[str, float | int | str], ...]
+
+
+def cut_parts(rows: FrictionRows) -> tuple[list[NDArray[np.intp]], NDArray[np.intp]]:
+    """Return the rows of every part, and the stretch (b,) that each is left out with.
+
+    Raises IdentifiabilityError where there are fewer rows than parts.
+    """
+    runs = np.unique(rows.run)
+    each, count = max(2, math.ceil(POLICY.folds / len(runs))), len(rows.run)
+    pieces, members = each * POLICY.parts, [np.flatnonzero(rows.run == run) for run in runs]
+    parts = [part for own in members for part in np.array_split(own, pieces)]
+    if count < len(parts):
+        text = (
+            f"logs with {count} rows cannot be cut into {len(parts)} parts, so no data can be held out to "
+            "choose a law. Name one with --model, or use longer logs"
+        )
+        raise IdentifiabilityError(Notice(code="friction.too-few-rows", text=text))
+    return parts, np.arange(len(parts)) // POLICY.parts
 
 
 def compute_criteria(objective: float, rows: int, unknowns: int) -> tuple[float, float]:

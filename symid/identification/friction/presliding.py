@@ -1,289 +1,557 @@
-"""Friction with a state (Dahl, LuGre) identified: bristle stiffness and damping, and the law of slip.
+"""Friction with a state, identified from one joint's samples: bristles, or elements that slip one by one.
 
-    J = |R tau - R [tau_f(x; p), X c]|^2   over whole recordings, tau_f simulated along the measured path
+    tau = Phi(x, dq; s) c + X other + noise,    Phi: columns along the whole path, simulated for unknowns s
 
-Between samples the velocity of an exact step is the measured displacement over the period; at samples the
-measured velocity sets damping and viscous friction. With sigma0 / fC, fS / fC and vs held, the torque is
-linear in fC, sigma1, fV and c: a grid over these ratios gives starts; the best are refined by bounded
-Gauss-Newton steps with exact derivatives.
+    bristles    z(x) = z_e + (z - z_e) exp(-|x| / (d g)),  z_e = d g sign(x),  Phi = [z / d, dz/dt, dq, 1]
+                c = [Fc, sigma1, Fv, offset],  d = Fc / sigma0
+    elements    z_k(x) = clamp(z_k + x, -+ r_k g),  Phi = [z_1 .. z_m, dq, 1]
+                c = [stiffness_k, Fv, offset],  Fc = sum r_k stiffness_k,  share_k = r_k stiffness_k / Fc
+    g(dq) = 1 + Fe / Fc exp(-|dq / vs|^gamma), or 1
 
-Supported: several recordings, each beginning with straight bristles; columns beside friction; filters.
-Not supported: turning back between two samples; position noise that is not small against the presliding
-displacement, fC / sigma0.
+The torque is linear in c, so that few unknowns are searched (variable projection, Golub and Pereyra 1973): d
+or r_k, Fe / Fc, vs. Thresholds r_k begin on a grid from the step of the samples to the reach of the motion;
+those remain whose stiffness is not zero by least squares without negative values (Lawson and Hanson 1974),
+neighbours as one where this leaves as little. gamma is 1 or 2. Deviations are those of a jackknife over
+stretches, since what is left of such a model is not white.
+
+A law with a state is compared with a static one at all rows, slow ones too: parts that are held out are
+predicted after a Gauss-Newton step without their stretch.
+
+Supported: several recordings, each from rest or from sliding either way; columns beside friction; filters.
+Not supported: turning back between two samples; position noise that is not small against the way on which
+bristles bend; an attraction of elements that takes time.
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from types import MappingProxyType
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 import scipy
+from numpy.typing import NDArray
 
-from symid import joint_models
-from symid.arrays import FloatArray
-from symid.errors import IdentifiabilityError, Notice, UsageError
+from symid.arrays import FloatArray, compute_triangle
+from symid.errors import IdentifiabilityError, Notice
 from symid.identification.estimators import ParameterEstimate
-from symid.identification.friction.joint_fit import FrictionRows, FrictionSamples, LawFit
-from symid.identification.judge import POLICY, numerics
+from symid.identification.friction import joint_fit
+from symid.identification.friction.joint_fit import FrictionEstimate, FrictionSamples
+from symid.identification.judge import POLICY, compute_changes, compute_variance, numerics
 from symid.ipopt import Ending
+from symid.joint_models import FrictionLaw, compute_clamps, find_turns, name_bristles
 
-LINEAR_PARAMETERS = ("sigma1", "fV")
-"""Parameters that the torque is linear in; they may be zero, the others not."""
+MEMORY_LAWS = ("dahl+offset", "maxwell-slip+offset", "lugre+offset", "generalised-maxwell-slip+offset")
+"""Laws with a state among which `auto` chooses, from plain to rich."""
+_NODES = 24
+"""Lengths of the grid of starts."""
+_EXPONENTS = (2.0, 1.0)
 
 
-def build_path(samples: FrictionSamples) -> joint_models.FrictionPath:
-    """Return the path of the samples: each recording of them begins with straight bristles."""
-    run = samples.run
-    if samples.position is None or run is None or not np.any(np.diff(samples.position)):
+class BristlePath(NamedTuple):
+    """A motion of N samples.
+
+    `position` rad or m, `velocity` rad/s or m/s, `way` since the sample before, 0 where a recording `begins`:
+    there bristles are straight, or bent as by sliding forwards or backwards (`sides` 0, 1, -1).
+    """
+
+    position: FloatArray
+    velocity: FloatArray
+    way: FloatArray
+    begins: list[int]
+    sides: tuple[int, ...]
+
+    def list_starts(self) -> "list[BristlePath]":
+        """Return the path with every side where its first recording begins, then the next one's, .."""
+        places = itertools.product(range(len(self.sides)), (0, 1, -1))
+        return [self._replace(sides=(*self.sides[:k], side, *self.sides[k + 1 :])) for k, side in places]
+
+
+def build_path(samples: FrictionSamples) -> BristlePath:
+    """Return the path of the samples; an IdentifiabilityError where nothing can bend."""
+    position, run = samples.position, samples.run
+    if position is None or run is None or not np.any(np.diff(position)):
         text = (
-            f"joint {samples.joint!r}: no positions, or nothing moves; stiffness and damping of the "
-            "bristles are identified from the displacement of the joint while it sticks and begins to slip"
+            f"joint {samples.joint!r}: no positions, or nothing moves; what bristles do is identified from "
+            "the displacement of the joint while it sticks and begins to slip"
         )
         raise IdentifiabilityError(Notice(code="friction.presliding-position", text=text))
-    start = np.concatenate([[1.0], (np.diff(run) != 0).astype(np.float64)])
-    period = np.diff(samples.time, prepend=samples.time[:1])
-    period[start > 0] = 0.0
-    if np.any(period[start == 0] <= 0):
-        text = f"joint {samples.joint!r}: times must increase within a recording"
-        raise UsageError(Notice(code="friction.presliding-time", text=text))
-    moved = np.diff(samples.position, prepend=samples.position[:1])
-    held = np.divide(moved, period, out=np.zeros_like(moved), where=period > 0)
-    return joint_models.FrictionPath(held=held, velocity=samples.velocity, period=period, start=start)
+    begins = np.flatnonzero(np.diff(run, prepend=-1) != 0).tolist()
+    way = np.diff(position, prepend=position[:1])
+    way[begins] = 0.0
+    return BristlePath(position, samples.velocity, way, begins, (0,) * len(begins))
+
+
+def _bend(path: BristlePath, bend: float, level: FloatArray) -> FloatArray:
+    """Return z / d (N,) of bristles that bend by d = `bend` before they slip; `level` is g (N,)."""
+    factors = np.exp(-np.abs(path.way) / (bend * level))
+    goals = level * np.sign(path.way) * (1.0 - factors)
+    factors[path.begins], goals[path.begins] = 0.0, np.array(path.sides) * level[path.begins]
+    # z <- factor z + goal: steps in a row are such a step. Blocks become one each and are run through in
+    # order, then all are filled at once.
+    count, length = len(factors), math.isqrt(len(factors))
+    blocks = -(-count // length)
+    padding = (0, blocks * length - count)
+    steps = [np.pad(part, padding).reshape(blocks, length).T.copy() for part in (factors, goals)]
+    whole, moved = np.ones(blocks), np.zeros(blocks)
+    for factor, goal in zip(*steps, strict=True):
+        whole, moved = factor * whole, factor * moved + goal
+    state, states = 0.0, np.zeros(blocks)
+    for k, (factor, goal) in enumerate(zip(whole.tolist(), moved.tolist(), strict=True)):
+        states[k] = state
+        state = factor * state + goal
+    found = np.empty((length, blocks))
+    for factor, goal, row in zip(*steps, found, strict=True):
+        states = factor * states + goal
+        row[:] = states
+    return found.T.ravel()[:count]
+
+
+def _slip(path: BristlePath, radii: FloatArray, level: FloatArray) -> FloatArray:
+    """Return the deflections (N, m) of elements that slip at `radii` (m,) times `level` (N,)."""
+    found = []
+    ends = [*path.begins[1:], len(path.way)]
+    for first, last, side in zip(path.begins, ends, path.sides, strict=True):
+        x = path.position[first:last, None]
+        most = radii * level[first:last, None]
+        # Where levels move with the speed, bounds do not follow the position up and down.
+        turns = None if np.ptp(level) > 0.0 else find_turns(x[:, 0])
+        found.append(x - compute_clamps(x - most, x + most, x[0] - side * most[0], turns))
+    return np.concatenate(found)
+
+
+class _LinearFactors(NamedTuple):
+    """A fit for given shape values: c (p,) of the law, other (k,), and what is left of the rows (M,)."""
+
+    linear: FloatArray
+    other: FloatArray
+    left: FloatArray
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PreslidingProblem:
-    """The unknowns are the free values of the law, logarithms unless linear, then c.
+class MemoryProblem:
+    """A law with a state, on samples.
 
-    `fixed` are values that are not fitted, by name; `rows` have R tau and R X.
+    The unknowns inside the columns are `lengths` at which it slips, d of bristles or r_k of elements, then
+    Fe / Fc and vs where its level falls. `exponent` is its gamma, `damped` whether bristles have a damper.
     """
 
     samples: FrictionSamples
-    law: joint_models.DynamicLaw
-    path: joint_models.FrictionPath
-    fixed: dict[str, float]
-    rows: FrictionRows
+    law: FrictionLaw
+    path: BristlePath
+    exponent: float
+    lengths: int
+    damped: bool
 
     @property
-    def free(self) -> list[int]:
-        """Return the places of the parameters that are fitted."""
-        return [k for k, name in enumerate(self.law.names) if name not in self.fixed]
+    def signed(self) -> int:
+        """Return how many columns of the law, the first ones, have factors that are not negative."""
+        return self.lengths + self.damped + 1
 
-    @property
-    def logarithmic(self) -> FloatArray:
-        """Return which of them are logarithms."""
-        return np.array([self.law.names[k] not in LINEAR_PARAMETERS for k in self.free])
+    def compute_columns(self, shape: FloatArray) -> FloatArray:
+        """Return Phi (N, p) for the unknowns (s,)."""
+        speed, lengths = self.path.velocity, shape[: self.lengths]
+        level = np.ones(len(speed))
+        if self.law.shape:
+            fall, scale = shape[self.lengths :].tolist()
+            level += fall * np.exp(-(np.abs(speed / scale) ** self.exponent))
+        if self.law.elements:
+            own = _slip(self.path, lengths, level)
+        else:
+            bent = _bend(self.path, float(lengths[0]), level)
+            own = np.column_stack([bent, speed - np.abs(speed) * bent / level])[:, : 1 + self.damped]
+        last = [np.ones(len(speed))] if self.law.linear[-1].name == "offset" else []
+        return np.column_stack([own, speed, *last])
 
-    def split(self, unknowns: FloatArray) -> tuple[list[float], FloatArray]:
-        """Return the values of the law and c."""
-        count = len(self.free)
-        own = unknowns[:count].copy()
-        own[self.logarithmic] = np.exp(own[self.logarithmic])
-        given = dict(zip(self.free, own.tolist(), strict=True))
-        names = enumerate(self.law.names)
-        return [given[k] if k in given else self.fixed[name] for k, name in names], unknowns[count:]
+    def compute_slopes(self, shape: FloatArray, own: FloatArray, linear: FloatArray) -> FloatArray:
+        """Return the derivatives (N, s) of Phi c by logarithms of the unknowns; `own` is Phi (N, p)."""
+        step, count = float(np.sqrt(numerics.CONVERGED)), self.lengths
+        # Each length moves its own column only, and that of a damper.
+        moved = self.compute_columns(np.append(shape[:count] * np.exp(step), shape[count:]))
+        slopes = (moved - own) * linear
+        found = [slopes[:, :count] if self.law.elements else slopes.sum(axis=1)]
+        for place in range(count, len(shape)):
+            moved = self.compute_columns(shape * np.exp(np.where(np.arange(len(shape)) == place, step, 0.0)))
+            found.append((moved - own) @ linear)
+        return np.column_stack(found) / step
 
-    def compute_residual(self, unknowns: FloatArray) -> FloatArray:
-        """Return predicted less measured torque, (M,)."""
-        values, other = self.split(unknowns)
-        torque = joint_models.simulate_dynamic_friction(self.law, values, self.path).torque
-        return self.samples.pass_columns(torque[:, None])[:, 0] + self.rows.extra @ other - self.rows.torque
+    def compute_changes(self, shape: FloatArray) -> FloatArray:
+        """Return the derivatives (M, s) of what is left by logarithms of the unknowns, as Kaufman has them.
 
-    def compute_columns(self, values: Sequence[float]) -> FloatArray:
-        """Return the derivatives (M, p + k) by the free values themselves, and by c."""
-        columns = joint_models.compute_torque_derivatives(self.law, values, self.path, self.free)
-        return np.hstack([self.samples.pass_columns(columns), self.rows.extra])
+        BIT 15 (1975) 49-57: the factors follow, those at zero stay.
+        """
+        own, rows, found = self.compute_columns(shape), self.samples.rows, self.fit(shape)
+        slopes = self.samples.pass_columns(self.compute_slopes(shape, own, found.linear))
+        free = np.append(
+            found.linear[: self.signed] > 0.0, np.ones(own.shape[1] - self.signed, dtype=np.bool_)
+        )
+        columns = np.hstack([self.samples.pass_columns(own[:, free]), rows.extra])
+        basis, _ = np.linalg.qr(columns / np.maximum(np.linalg.norm(columns, axis=0), numerics.TINY))
+        return np.asarray(basis @ (basis.T @ slopes) - slopes)
 
-    def compute_jacobian(self, unknowns: FloatArray) -> FloatArray:
-        """Return the derivatives (M, p + k) by the unknowns."""
-        values, _ = self.split(unknowns)
-        columns = self.compute_columns(values)
-        columns[:, : len(self.free)] *= np.where(self.logarithmic, np.array(values)[self.free], 1.0)
-        return columns
+    def fit(self, shape: FloatArray) -> _LinearFactors:
+        """Return the best factors of all columns: of elements, damping and dry friction none is negative."""
+        rows = self.samples.rows
+        columns = np.hstack([self.samples.pass_columns(self.compute_columns(shape)), rows.extra])
+        count = columns.shape[1] - rows.extra.shape[1]
+        sizes = np.maximum(np.linalg.norm(columns, axis=0), numerics.TINY)
+        triangle = compute_triangle(np.column_stack([columns / sizes, rows.torque]))
+        low = np.full(columns.shape[1], -np.inf)
+        low[: self.signed] = 0.0
+        bounds, square = (low, np.inf), triangle[:, :-1]
+        found = scipy.optimize.lsq_linear(square, triangle[:, -1], bounds, method="bvls").x / sizes
+        return _LinearFactors(found[:count], found[count:], rows.torque - columns @ found)
+
+    def list_values(
+        self, linear: FloatArray, shape: FloatArray
+    ) -> tuple[list[float], list[float], list[float]]:
+        """Return linear, shape and state values of the law, as robot files have them."""
+        lengths, own, rest = shape[: self.lengths], linear[: self.lengths], linear[self.signed - 1 :].tolist()
+        fall, scale = shape[self.lengths :].tolist() if self.law.shape else (0.0, 0.0)
+        coulomb = float(own @ lengths) if self.law.elements else float(own[0])
+        values = {"Fc": coulomb, "Fe": fall * coulomb, "Fv": rest[0], "offset": rest[-1]}
+        values |= {"vs": scale, "gamma": self.exponent}
+        if self.law.elements:
+            bristles = [*own.tolist(), *(own * lengths / max(coulomb, numerics.TINY)).tolist()]
+        else:
+            damping = float(linear[1]) if self.damped else 0.0
+            bristles = [coulomb / float(lengths[0]), damping][: len(self.law.memory)]
+        names = ([entry.name for entry in part] for part in (self.law.linear, self.law.shape))
+        own_values, bent = ([values[name] for name in part] for part in names)
+        return own_values, bent, bristles
+
+    def list_edges(self) -> list[tuple[float, float]]:
+        """Return the least and the largest of each unknown that the motion supports."""
+        speeds = np.abs(self.path.velocity[self.path.velocity != 0.0])
+        ways = np.abs(self.path.way[self.path.way != 0.0])
+        fastest = float(np.max(speeds))
+        lengths = (POLICY.relevance * float(np.median(ways)), 0.5 * float(np.ptp(self.path.position)))
+        falls = (POLICY.relevance**2, 1.0 / POLICY.relevance)
+        slowest = max(float(np.quantile(speeds, POLICY.alarm)), fastest * numerics.CONVERGED)
+        return [lengths] * self.lengths + ([falls, (slowest, fastest)] if self.law.shape else [])
+
+    def scan(self, nodes: Sequence[Sequence[float]]) -> "_Search":
+        """Return the best combination of `nodes` of all unknowns."""
+        grid = list(map(np.array, itertools.product(*nodes)))
+        losses = [_measure(node, self) for node in grid]
+        best = min(range(len(grid)), key=losses.__getitem__)
+        return _Search(grid[best], losses[best], len(grid))
+
+    def move(self, shape: FloatArray, held: int) -> "_Search":
+        """Return the best unknowns near `shape` (s,), the first of which are `held`."""
+        if held == len(shape):
+            return self.scan(shape[:, None].tolist())
+        low, high = np.array(self.list_edges()[held:]).T
+        size = float(np.linalg.norm(self.samples.rows.torque)) or 1.0
+
+        def build(logs: FloatArray) -> FloatArray:
+            return np.append(shape[:held], np.exp(logs))
+
+        found = scipy.optimize.least_squares(
+            lambda logs: self.fit(build(logs)).left / size,
+            np.log(np.clip(shape[held:], low, high)),
+            jac=lambda logs: self.compute_changes(build(logs))[:, held:] / size,
+            bounds=(np.log(low), np.log(high)),
+            xtol=numerics.CONVERGED,
+            ftol=numerics.CONVERGED,
+            max_nfev=numerics.ROUNDS,
+        )
+        return _Search(build(found.x), 2.0 * float(found.cost) * size**2, int(found.nfev))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PreslidingEstimate(LawFit):
-    """The fit of a law with a state; `fixed` parameters were given, `values` are all in the law's order."""
-
-    fixed: tuple[tuple[str, float], ...]
-    values: tuple[float, ...]
-
-
-def _solve_start(problem: PreslidingProblem, values: list[float]) -> tuple[float, FloatArray]:
-    """Return J and unknowns for the ratios of `values`: fC, sigma1, fV and c by linear least squares."""
-    law, names = problem.law, problem.law.names
-    states = joint_models.simulate_dynamic_friction(law, values, problem.path).state
-    velocity, carrier = problem.path.velocity, joint_models.build_numpy_carrier()
-    numbers: list[FloatArray] = [np.asarray(value) for value in values]
-    rates = joint_models.compute_bristle_rate(carrier, law, velocity, states, numbers)
-    linear = [name for name in LINEAR_PARAMETERS if name in names and name not in problem.fixed]
-    terms = {"sigma1": rates, "fV": velocity}
-    own = np.column_stack([values[0] * states, *(terms[name] for name in linear)])
-    columns, target = np.hstack([problem.samples.pass_columns(own), problem.rows.extra]), problem.rows.torque
-    found, *_ = np.linalg.lstsq(columns, target, rcond=None)
-    scale = max(float(found[0]), 1e-3 * float(np.abs(target).max()))
-    physical = dict(zip(names, values, strict=True))
-    for name in ("sigma0", "fC", "fS"):
-        if name in physical and name not in problem.fixed:
-            physical[name] *= scale
-    for name, value in zip(linear, found[1 : 1 + len(linear)], strict=True):
-        physical[name] = max(float(value), 0.0)
-    residual = columns @ np.concatenate([[scale], found[1:]]) - target
-    start = np.array([physical[names[k]] for k in problem.free])
-    start[problem.logarithmic] = np.log(start[problem.logarithmic])
-    return float(residual @ residual), np.concatenate([start, found[1 + len(linear) :]])
+def _choose_starts(problem: MemoryProblem, measure: Callable[[MemoryProblem], float]) -> MemoryProblem:
+    """Return the problem with the memory at the beginning of every recording that leaves least."""
+    for k in range(len(problem.path.sides)):
+        paths = problem.path.list_starts()[3 * k : 3 * k + 3]
+        problem = min((replace(problem, path=path) for path in paths), key=measure)
+    return problem
 
 
-def fit_presliding(
-    samples: FrictionSamples,
-    law: joint_models.DynamicLaw,
-    *,
-    fixed: Mapping[str, float] = MappingProxyType({"gamma": 2.0}),
-) -> PreslidingEstimate:
-    """Return the parameters of a law with a state, all from the same samples.
+def _measure(shape: FloatArray, problem: MemoryProblem) -> float:
+    return float(np.sum(problem.fit(shape).left ** 2))
 
-    `samples` have positions; `fixed` parameters are not fitted, those that the law lacks are ignored.
+
+class _Search(NamedTuple):
+    """The end of a search: unknowns (s,), their J, and how many were tried."""
+
+    shape: FloatArray
+    objective: float
+    tried: int
+
+
+def _list_nodes(problem: MemoryProblem) -> list[Sequence[float]]:
+    """Return values where searches begin: of lengths, one for each element, then of the fall."""
+    speeds = np.abs(problem.path.velocity[problem.path.velocity != 0.0])
+    falls = [[1.0], np.quantile(speeds, (0.2, 0.6)).tolist()] if problem.law.shape else []
+    if not problem.law.elements:
+        low, high = problem.list_edges()[0]
+        return [np.geomspace(low, high, _NODES).tolist(), *falls]
+    step, reach = float(np.mean(np.abs(problem.path.way))), 0.5 * float(np.ptp(problem.path.position))
+    grid = np.geomspace(step, max(reach, 2.0 * step), problem.lengths, endpoint=False)
+    return [*grid[:, None].tolist(), *falls]
+
+
+def _join_elements(problem: MemoryProblem, shape: FloatArray) -> FloatArray:
+    """Return unknowns with the elements that have a stiffness alone, neighbours among them as one."""
+    grid, falling = np.split(shape, [problem.lengths])
+    stiffness = problem.fit(shape).linear[: len(grid)]
+    there = np.flatnonzero(stiffness > 0.0)
+    groups = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1) if len(there) else []
+    joined = [float(np.exp(np.average(np.log(grid[k]), weights=stiffness[k]))) for k in groups]
+    return np.array([*joined, *falling])
+
+
+def _move_elements(problem: MemoryProblem, shape: FloatArray) -> tuple[MemoryProblem, _Search]:
+    """Return the better of joined elements and of all of a grid, without those that carry next to nothing."""
+    rows, trials = len(problem.samples.rows.torque), list[tuple[float, MemoryProblem, _Search]]()
+    tail = len(shape) - problem.lengths
+
+    def keep(search: _Search) -> None:
+        count = len(search.shape) - tail
+        score, _ = joint_fit.compute_criteria(search.objective, rows, 2 * count)
+        trials.append((score, replace(problem, lengths=count), search))
+
+    def strip(some: MemoryProblem, shape: FloatArray, least: float) -> FloatArray:
+        carried = some.fit(shape).linear[: some.lengths] * shape[: some.lengths]
+        kept = carried > least * carried.sum()
+        return np.asarray(shape[np.append(kept, np.ones(tail, dtype=np.bool_))])
+
+    for start in (_join_elements(problem, shape), strip(problem, shape, 0.0)):
+        keep(replace(problem, lengths=len(start) - tail).move(start, 0))
+    _, best, search = min(trials, key=lambda trial: trial[0])
+    shape = strip(best, search.shape, POLICY.relevance)
+    keep(replace(problem, lengths=len(shape) - tail).move(shape, 0))
+    if len(strip(best, search.shape, 0.0)) < len(search.shape):
+        trials = trials[-1:]
+    _, best, last = min(trials, key=lambda trial: trial[0])
+    return best, last._replace(tried=sum(one.tried for _, _, one in trials))
+
+
+class MemoryFit(NamedTuple):
+    """A fit of a law with a state, and its derivatives F (M, n) by all unknowns, for predictions held out."""
+
+    estimate: FrictionEstimate
+    design: FloatArray
+    left: FloatArray
+
+
+def fit_memory(samples: FrictionSamples, law: FrictionLaw) -> MemoryFit:
+    """Return the values of a law with a state, all from the same samples, which have positions.
 
     Raises:
-        IdentifiabilityError: no positions, nothing moves, or there are fewer rows than unknowns.
-        UsageError: times that do not increase within a recording, or all parameters are fixed.
+        IdentifiabilityError: no positions, nothing moves, nothing slips, or fewer rows than unknowns.
     """
-    if set(law.names) <= set(fixed):
-        text = f"all parameters of {law.name!r} are fixed: leave some to be fitted"
-        raise UsageError(Notice(code="friction.presliding-options", text=text))
-    rows = samples.rows
-    count, unknowns = rows.extra.shape[0], sum(name not in fixed for name in law.names) + rows.extra.shape[1]
+    path, count, damped = (
+        build_path(samples),
+        len(samples.rows.torque),
+        len(law.memory) > 1 and not law.elements,
+    )
+    most = _NODES if law.elements else 1
+    unknowns = most + len(law.linear) + len(law.shape) + damped + samples.rows.extra.shape[1]
     if count <= unknowns:
         text = f"joint {samples.joint!r}: {count} rows are too few for {unknowns} unknowns of {law.name!r}"
         raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
-    held = {name: value for name, value in fixed.items() if name in law.names}
-    problem = PreslidingProblem(samples=samples, law=law, path=build_path(samples), fixed=held, rows=rows)
-    # The grid: values of the law with fC = 1 and no damping, viscous friction.
-    path, names = problem.path, problem.law.names
-    moved = np.abs(path.held) * path.period
-    shortest = float(np.quantile(moved[moved > 0], 0.05))
-    longest = float(np.ptp(problem.samples.position)) if problem.samples.position is not None else 1.0
-    slopes = np.geomspace(0.5 / longest, 1.0 / max(shortest, 1e-6 * longest), 16)
-    excesses, speeds = [1.0], np.ones(1)
-    if "vs" in names:
-        excesses, speeds = [1.0, 1.5], np.quantile(np.abs(path.held)[moved > 0], (0.2, 0.6))
-    given = {"fC": 1.0, "sigma1": 0.0, "fV": 0.0, "gamma": 2.0}
-    grid = []
-    for stiffness, excess, speed in itertools.product(slopes, excesses, speeds):
-        named = {**given, "sigma0": stiffness, "fS": excess, "vs": speed, **problem.fixed}
-        grid.append(_solve_start(problem, [float(named[name]) for name in names]))
-    grid.sort(key=lambda pair: pair[0])
-    searches = []
-    for _, start in grid[:2]:
-        # Logarithms near their start within the law's bounds, c free.
-        lower, upper = np.full(start.size, -np.inf), np.full(start.size, np.inf)
-        for place, k in enumerate(problem.free):
-            parameter, reach = law.parameters[k], -np.log(numerics.CONVERGED)
-            lower[place] = parameter.lower
-            if problem.logarithmic[place]:
-                least = np.log(parameter.lower) if parameter.lower > 0.0 else -np.inf
-                lower[place] = max(start[place] - reach, least)
-                upper[place] = min(start[place] + reach, np.log(parameter.upper))
-        options = {"x_scale": "jac", "max_nfev": 60, "xtol": 1e-9, "ftol": 1e-10, "gtol": 1e-10}
-        functions, bounds = (problem.compute_residual, start, problem.compute_jacobian), (lower, upper)
-        searches.append(scipy.optimize.least_squares(*functions, bounds, **options))
-    best = min(searches, key=lambda search: search.cost)
-    evaluations = 2 * len(grid) + sum(int(search.nfev) for search in searches)
-    return _build_estimate(problem, np.asarray(best.x), converged=best.status > 0, evaluations=evaluations)
+    lengths, exponents = _NODES if law.elements else 1, _EXPONENTS if law.shape else _EXPONENTS[:1]
+    trials, held = [], lengths if law.elements else 0
+    for exponent in exponents:
+        whole = MemoryProblem(
+            samples=samples, law=law, path=path, exponent=exponent, lengths=lengths, damped=damped
+        )
+        begun = whole.scan(_list_nodes(whole))
+        whole = _choose_starts(whole, partial(_measure, begun.shape))
+        moved = whole.move(begun.shape, held)
+        trials.append((whole, moved._replace(tried=begun.tried + moved.tried)))
+    problem, found = min(trials, key=lambda trial: trial[1].objective)
+    tried = sum(one.tried for _, one in trials)
+    if law.elements:
+        problem, found = _move_elements(problem, found.shape)
+        tried += found.tried
+    made = _build_fit(problem, found.shape, tried)
+    if damped and "sigma1" in dict(made.estimate.refused):
+        # Bristles whose damping nothing shows have none.
+        problem = replace(problem, damped=False)
+        again = problem.move(found.shape, 0)
+        made = _build_fit(problem, again.shape, tried + again.tried)
+    return made
 
 
-def _build_estimate(
-    problem: PreslidingProblem, unknowns: FloatArray, *, converged: bool, evaluations: int
-) -> PreslidingEstimate:
-    values, other = problem.split(unknowns)
-    residual = problem.compute_residual(unknowns)
-    objective = float(residual @ residual)
-    sigma = float(np.sqrt(objective / max(residual.size - unknowns.size, 1)))
-    columns = problem.compute_columns(values)
-    sizes = np.maximum(np.linalg.norm(columns, axis=0), 1e-100)
-    _, singular, directions = np.linalg.svd(columns / sizes, full_matrices=False)
-    # Huge where columns are dependent.
-    roots = directions.T / np.maximum(singular, 1e-13 * singular[0]) / sizes[:, None]
-    covariance = sigma**2 * roots @ roots.T
-    # The damping whose torque at the median speed would equal the torque explained.
-    held = problem.path.held
-    speed = np.median(np.abs(held[held != 0.0]))
-    damping = float(np.sqrt(np.mean((residual + problem.rows.torque) ** 2)) / speed)
+def _build_fit(problem: MemoryProblem, shape: FloatArray, tried: int) -> MemoryFit:
+    samples, rows, found = problem.samples, problem.samples.rows, problem.fit(shape)
+    law, linear = problem.law, problem.list_values(found.linear, shape)[0]
+    if not linear[_names(law).index("Fc")] > 0.0:
+        text = f"joint {samples.joint!r}: these rows show no dry friction with the memory of {law.name!r}"
+        raise IdentifiabilityError(Notice(code="friction.presliding-nothing", text=text))
+    size, count = len(shape), len(found.linear)
+    own = problem.compute_columns(shape)
+    # Derivatives by logarithms of unknowns, then by all factors that are not held at zero.
+    columns = samples.pass_columns(np.hstack([problem.compute_slopes(shape, own, found.linear), own]))
+    free = np.ones(size + count, dtype=np.bool_)
+    free[size : size + problem.signed] = found.linear[: problem.signed] > 0.0
+    design = np.hstack([columns[:, free], rows.extra])
+    unknowns = design.shape[1]
+    parts, _ = joint_fit.cut_parts(rows)
+    steps, lost = leave_out(design, found.left, parts, np.arange(len(parts)))
+    changes = compute_changes(steps)
+    changes[:, lost] = np.inf
+    # What every part changes of all unknowns, then of the law's values.
+    whole = np.zeros((len(changes), size + count + len(found.other)))
+    whole[:, np.append(free, np.ones(len(found.other), dtype=np.bool_))] = changes
+
+    def compute_values(unknown: FloatArray) -> FloatArray:
+        linear, bent, bristles = problem.list_values(unknown[size : size + count], np.exp(unknown[:size]))
+        return np.array([*linear, *bent, *bristles, *unknown[size + count :]])
+
+    middle = np.concatenate([np.log(shape), found.linear, found.other])
+    values, jacobian = compute_values(middle), np.empty((len(compute_values(middle)), len(middle)))
+    for place, value in enumerate(middle.tolist()):
+        width = numerics.CONVERGED * max(abs(value), numerics.CONVERGED)
+        ends = [
+            compute_values(middle + np.where(np.arange(len(middle)) == place, w, 0.0))
+            for w in (width, -width)
+        ]
+        jacobian[:, place] = (ends[0] - ends[1]) / (2.0 * width)
+    with np.errstate(invalid="ignore"):
+        moves = whole @ jacobian.T
+    scaled = compute_triangle(design / np.maximum(np.linalg.norm(design, axis=0), numerics.TINY))
+    estimate = _write_estimate(problem, values, moves, found, tried, unknowns)
+    estimate = replace(estimate, condition=float(np.linalg.cond(scaled)))
+    return MemoryFit(estimate, design, found.left)
+
+
+def leave_out(
+    design: FloatArray, left: FloatArray, parts: Sequence[NDArray[np.intp]], fold: NDArray[np.intp]
+) -> tuple[FloatArray, NDArray[np.bool_]]:
+    """Return the Gauss-Newton steps (f, n) of fits without each stretch of `parts`.
+
+    And which unknowns (n,) one of these fits does not determine.
+    """
+    sizes = np.linalg.norm(design, axis=0)
+    sizes[sizes == 0.0] = 1.0
+    table = np.column_stack([design / sizes, left])
+    grams = np.stack([table[part].T @ table[part] for part in parts])
+    whole, steps, lost = grams.sum(axis=0), [], np.zeros(len(sizes), dtype=np.bool_)
+    for one in range(int(fold.max()) + 1):
+        rest = whole - grams[fold == one].sum(axis=0)
+        values, directions = np.linalg.eigh(rest[:-1, :-1])
+        null = values <= numerics.EXACT * max(float(values[-1]), numerics.TINY)
+        known = directions[:, ~null]
+        steps.append(known @ ((known.T @ rest[:-1, -1]) / values[~null]) / sizes)
+        lost |= np.linalg.norm(directions[:, null], axis=1) > numerics.CONVERGED
+    return np.array(steps), lost
+
+
+def _write_estimate(  # noqa: PLR0917 - what a fit found
+    problem: MemoryProblem,
+    values: FloatArray,
+    moves: FloatArray,
+    found: _LinearFactors,
+    tried: int,
+    unknowns: int,
+) -> FrictionEstimate:
+    """Return the estimate; values (n,): linear, shape, state, other ones; `moves` (b, n) of a jackknife."""
     samples, law = problem.samples, problem.law
-    fitted, head = [law.parameters[k] for k in problem.free], f"joint {samples.joint!r}: "
-    names = [*(entry.name for entry in fitted), *samples.extra_names]
-    units = [entry.unit_prismatic if samples.prismatic else entry.unit for entry in fitted]
-    units += samples.extra_units or ("",) * len(samples.extra_names)
-    found = [*(values[k] for k in problem.free), *other.tolist()]
-    flat, difference = False, np.zeros(len(covariance))
-    if "fS" in names and "fC" in names:
-        # Static and Coulomb friction differ by less than three standard deviations.
-        difference[names.index("fS")], difference[names.index("fC")] = 1.0, -1.0
-        gap = float(difference[: len(fitted)] @ np.array(values)[problem.free])
-        flat = gap**2 < POLICY.printed**2 * float(difference @ covariance @ difference)
-    identified, refused = [], []
-    stds = np.sqrt(np.diag(covariance)).tolist()
-    for name, unit, value, std in zip(names, units, found, stds, strict=True):
-        # Zero is accepted only for what would have shown in the torque.
-        at_zero = name in LINEAR_PARAMETERS and value <= 1e-6 * std
-        at_zero = at_zero and 100.0 * std <= POLICY.uncertain * damping
-        if name == "vs" and flat:
-            text = "vs is not identifiable: static and Coulomb friction do not differ"
-            refused.append((name, head + text))
-        elif 100.0 * std > POLICY.uncertain * abs(value) and not at_zero:
-            percent = 100.0 * std / abs(value) if value else np.inf
-            size = "infinite" if percent > 1e6 else f"{percent:.0f} %"
-            need = _NEEDS.get(name, "its column is too small, or others replace it")
-            text = f"{name} is not identifiable (relative deviation {size}): {need}"
-            refused.append((name, head + text))
+    p, s = len(law.linear), len(law.shape)
+    linear, shape = values[:p].tolist(), values[p : p + s].tolist()
+    bristles, other = values[p + s : len(values) - len(found.other)].tolist(), found.other
+    mixing = np.array(law.mixing, dtype=np.float64)
+    physical = law.to_physical(linear, shape)
+    own = compute_variance(moves[:, : p + s] @ mixing.T) ** 0.5
+    rest = compute_variance(moves[:, p + s :]) ** 0.5
+    size = len(bristles) // len(law.memory)
+    memory = [
+        (f"{entry.name}{k + 1 if law.elements else ''}", entry) for entry in law.memory for k in range(size)
+    ]
+    entries = [(entry.name, entry) for entry in law.physical] + memory
+    numbers = [*physical, *bristles]
+    parameters, refused = list[ParameterEstimate](), dict[str, str]()
+    for (name, entry), value, std in zip(entries, numbers, [*own.tolist(), *rest.tolist()], strict=False):
+        unit = entry.unit_prismatic if samples.prismatic else entry.unit
+        reason = "one of 1, 2" if name == "gamma" else "zero: none is seen" if value == 0.0 else ""
+        sure = 100.0 * std <= POLICY.uncertain * abs(value)
+        if not (sure or reason) and name in _NEEDS:
+            refused[name] = f"its standard deviation, {std:.3g} {unit}, is too large: {_NEEDS[name]}"
         else:
-            ends = [end for entry in fitted if entry.name == name for end in (entry.lower, entry.upper)]
-            near = any(abs(value - end) <= 1e-4 * abs(end) for end in ends if end)
-            reason = "at its bound, zero" if at_zero else f"at its bound, {value:.3g}" if near else ""
-            identified.append(ParameterEstimate(name=name, value=value, std=std, unit=unit, reason=reason))
-    own = [entry for entry in identified if entry.name in law.names]
-    named, lost = dict(zip(law.names, values, strict=True)), {name for name, _ in refused}
-    notices = []
-    if named.get("fS", np.inf) < named["fC"] and not {"fS", "fC", "vs"} & lost:
-        text = (
-            f"static friction {named['fS']:.4g} is estimated below Coulomb friction {named['fC']:.4g}: this "
-            "joint's friction does not fall with speed"
-        )
-        notices.append(Notice(code="friction.presliding-static", text=head + text))
-    moving, bend = np.abs(held) * problem.path.period, named["fC"] / named["sigma0"]
-    inside = int(np.sum((moving > 0) & (moving < bend)))
-    if inside < 20 and "sigma0" not in lost:
-        text = (
-            f"only {inside} samples moved less than the presliding displacement {bend:.3g}: sample faster, "
-            "or move slower around reversals"
-        )
-        notices.append(Notice(code="friction.presliding-few", text=head + text))
-    outcome = Ending.CONVERGED if converged else Ending.LIMIT
-    return PreslidingEstimate(
+            parameters.append(ParameterEstimate(name, value, std, unit, entry.meaning, reason))
+    units = samples.extra_units or ("",) * len(samples.extra_names)
+    deviations = rest[len(bristles) :].tolist()
+    beside = zip(samples.extra_names, other.tolist(), deviations, units, strict=True)
+    objective, rows = float(found.left @ found.left), len(found.left)
+    aicc, bic = joint_fit.compute_criteria(objective, rows, unknowns)
+    counted = [*range(p + s), *range(p + s + len(bristles), len(values))]
+    covariance = moves[:, counted].T @ moves[:, counted]
+    texts = [f"{name} is not identifiable: {reason}" for name, reason in refused.items()]
+    return FrictionEstimate(
         joint=samples.joint,
         law=law.name,
-        parameters=tuple(own),
-        extra=tuple(entry for entry in identified if entry not in own),
-        fixed=tuple(problem.fixed.items()),
-        refused=tuple(refused),
-        values=tuple(values),
+        parameters=tuple(parameters),
+        extra=tuple(ParameterEstimate(*entry) for entry in beside),
+        refused=tuple(refused.items()),
         other=tuple(other.tolist()),
         objective=objective,
-        sigma=sigma,
-        samples=residual.size,
-        evaluations=evaluations,
-        outcome=Ending.SOME_REFUSED if converged and refused else outcome,
-        notices=tuple(notices),
+        sigma=float(np.sqrt(objective / max(rows - unknowns, 1))),
+        samples=rows,
+        evaluations=tried,
+        outcome=Ending.SOME_REFUSED if refused else Ending.CONVERGED,
+        notices=tuple(Notice(code="friction.refused", text=text) for text in texts),
+        estimator="varpro",
+        linear=tuple(linear),
+        shape=tuple(shape),
+        bristles=tuple(bristles),
+        covariance=tuple(map(tuple, covariance.tolist())),
+        solves=tried,
+        iterations=0,
+        ended="the search of shape values converged",
+        aicc=aicc,
+        bic=bic,
+        condition=1.0,
     )
 
 
 _NEEDS = {
-    "sigma0": "the joint must stick and turn back within the presliding displacement, fC / sigma0",
+    "sigma0": "the joint must stick and turn back within the way on which bristles bend, fC / sigma0",
     "sigma1": "the joint must move fast enough while it sticks: near 1 / s of sigma0 / sigma1",
     "fS": "the joint must break away slowly, or slip at speeds below vs",
     "vs": "the joint must slip at speeds around vs, and its friction must fall there",
     "fC": "the joint must slip",
-    "fV": "the joint must slip at speeds far apart",
 }
+"""What values need to be identified, where their deviation is large; elements share what they carry."""
+
+
+def _names(law: FrictionLaw) -> list[str]:
+    return [entry.name for entry in law.linear]
+
+
+def simulate_presliding(samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate) -> FloatArray:
+    """Return the friction (N,), N m or N, of an estimate with a state along the samples.
+
+    What bristles remember where a recording begins is what its rows choose.
+    """
+    named = dict(zip(_names(law), estimate.linear, strict=True))
+    bent = dict(zip([entry.name for entry in law.shape], estimate.shape, strict=True))
+    memory, coulomb = name_bristles(law, estimate.bristles), named["Fc"]
+    stiffness, damping = np.array(estimate.bristles[:1]), memory.get("sigma1", ())
+    lengths, linear = coulomb / stiffness, [coulomb, *damping]
+    if law.elements:
+        stiffness = np.array(memory["stiffness"])
+        lengths, linear = np.array(memory["share"]) * coulomb / stiffness, stiffness.tolist()
+    linear += [named["Fv"], *([named["offset"]] if "offset" in named else [])]
+    problem = MemoryProblem(
+        samples=samples,
+        law=law,
+        path=build_path(samples),
+        exponent=bent.get("gamma", _EXPONENTS[0]),
+        lengths=len(lengths),
+        damped=bool(damping),
+    )
+    shape = [*lengths.tolist(), *([named["Fe"] / coulomb, bent["vs"]] if law.shape else [])]
+    own, rows = np.array(linear), samples.rows
+    given = rows.torque - rows.extra @ np.array(estimate.other)
+
+    def predict(some: MemoryProblem) -> FloatArray:
+        return np.asarray(some.compute_columns(np.array(shape)) @ own)
+
+    def measure(some: MemoryProblem) -> float:
+        return float(np.sum((samples.pass_columns(predict(some)[:, None])[:, 0] - given) ** 2))
+
+    return predict(_choose_starts(problem, measure))

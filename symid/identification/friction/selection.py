@@ -22,9 +22,15 @@ from symid.identification import rigid
 from symid.identification.estimators import LawSelection, LawTrial, MotionResidual, find_phases
 from symid.identification.friction import joint_fit
 from symid.identification.friction.estimators import fit_friction
-from symid.identification.friction.joint_fit import FrictionEstimate, FrictionRows, FrictionSamples
+from symid.identification.friction.joint_fit import FrictionEstimate, FrictionSamples
+from symid.identification.friction.presliding import (
+    MEMORY_LAWS,
+    MemoryFit,
+    fit_memory,
+    leave_out,
+    simulate_presliding,
+)
 from symid.identification.friction.problem import FrictionOptions, build_problem
-from symid.identification.judge import POLICY
 from symid.joint_models import FrictionLaw, get_law
 
 CANDIDATE_LAWS = (
@@ -35,27 +41,12 @@ CANDIDATE_LAWS = (
 """Laws among which `auto` chooses, from plain to rich."""
 
 
-def cut_parts(rows: FrictionRows) -> tuple[list[NDArray[np.intp]], NDArray[np.intp]]:
-    """Return the rows of every part, and the stretch (b,) that each is left out with.
-
-    Raises IdentifiabilityError where there are fewer rows than parts.
-    """
-    runs = np.unique(rows.run)
-    each, count = max(2, math.ceil(POLICY.folds / len(runs))), len(rows.run)
-    pieces, members = each * POLICY.parts, [np.flatnonzero(rows.run == run) for run in runs]
-    parts = [part for own in members for part in np.array_split(own, pieces)]
-    if count < len(parts):
-        text = (
-            f"logs with {count} rows cannot be cut into {len(parts)} parts, so no data can be held out to "
-            "choose a law. Name one with --model, or use longer logs"
-        )
-        raise IdentifiabilityError(Notice(code="friction.too-few-rows", text=text))
-    return parts, np.arange(len(parts)) // POLICY.parts
-
-
 def predict_rows(samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate) -> FloatArray:
     """Return the torques (M,) in N m or N that an estimate predicts of the rows of `samples`."""
-    friction = samples.pass_law(law, estimate.shape) @ np.asarray(estimate.linear)
+    if law.memory:
+        friction = samples.pass_columns(simulate_presliding(samples, law, estimate)[:, None])[:, 0]
+    else:
+        friction = samples.pass_law(law, estimate.shape) @ np.asarray(estimate.linear)
     return np.asarray(friction + samples.rows.extra @ np.asarray(estimate.other))
 
 
@@ -87,7 +78,7 @@ def select_law(
     law can be fitted or there are too few rows to hold some out.
     """
     options, rows = options or FrictionOptions(), samples.rows
-    parts, fold = cut_parts(rows)
+    parts, fold = joint_fit.cut_parts(rows)
     laws, failed = list[FrictionLaw](), list[LawTrial]()
     for law in list(map(look_up, names)):
         try:
@@ -130,3 +121,61 @@ def select_law(
         replace(trial, aicc=joint_fit.compute_criteria(*counts[trial.law])[0]) for trial in selection.trials
     ]
     return replace(selection, trials=(*listed, *failed)), fits[choice.taken]
+
+
+def select_memory(
+    samples: FrictionSamples, static: FrictionLaw, options: FrictionOptions | None = None
+) -> tuple[LawSelection, FrictionEstimate] | None:
+    """Return the choice among laws with a state at all rows, and the fit of the one taken.
+
+    None where none of them surely predicts the rows held out better than the law `static`, or none can be
+    fitted.
+    """
+    rows, estimate = samples.rows, fit_friction(samples, static, options=options)
+    parts, fold = joint_fit.cut_parts(rows)
+    design = joint_fit.compute_sensitivities(samples, static, estimate.linear, estimate.shape)
+    fits = [MemoryFit(estimate, design, rows.torque - predict_rows(samples, static, estimate))]
+
+    def hold_out(fit: MemoryFit) -> FloatArray:
+        steps, _ = leave_out(fit.design, fit.left, parts, fold)
+        pairs = zip(parts, steps[fold], strict=True)
+        errors = (fit.left[part] - fit.design[part] @ step for part, step in pairs)
+        return np.array([float(error @ error) for error in errors])
+
+    losses = [hold_out(fits[0])]
+    for law in map(get_law, MEMORY_LAWS):
+        if law.shape and min(map(np.sum, losses)) == losses[0].sum():
+            # Where no memory helps, none whose level falls does.
+            break
+        try:
+            found = fit_memory(samples, law)
+        except IdentifiabilityError:
+            continue
+        if not found.estimate.refused:
+            fits.append(found)
+            losses.append(hold_out(found))
+    unknowns = [one.design.shape[1] for one in fits]
+    taken, _, _ = rigid.choose_plainest(np.array(losses), unknowns, [len(one.estimate.shape) for one in fits])
+    if not taken:
+        return None
+    whole, beside = float(np.sum(rows.torque**2)), rows.extra.shape[1]
+    trials = [
+        LawTrial(
+            law=one.estimate.law,
+            unknowns=count - beside,
+            fitted_percent=100.0 * float(np.sqrt(one.estimate.objective / whole)),
+            held_percent=100.0 * float(np.sqrt(loss.sum() / whole)),
+            held_rms=float(np.sqrt(loss.sum() / len(rows.torque))),
+            aicc=one.estimate.aicc,
+        )
+        for one, loss, count in zip(fits, losses, unknowns, strict=True)
+    ]
+    own, plain, unit = trials[taken], trials[0], "N" if samples.prismatic else "N m"
+    verdict = (
+        f"At all rows, slow ones too, {own.law} leaves {own.held_percent:.3g} % of the torque that was held "
+        f"out ({own.held_rms:.3g} {unit} RMS); {plain.law}, the best law without a state, leaves "
+        f"{plain.held_percent:.3g} %."
+    )
+    trials.sort(key=lambda trial: trial.held_rms or math.inf)
+    selection = LawSelection(trials=tuple(trials), chosen=own.law, verdict=verdict, blocks=len(parts))
+    return selection, fits[taken].estimate

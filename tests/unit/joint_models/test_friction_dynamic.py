@@ -19,7 +19,6 @@ from symid.joint_models.dynamic_friction import (
     compute_bristle_step,
     compute_dynamic_torque,
     compute_steady_torque,
-    compute_torque_derivatives,
     derive_equations,
     get_dynamic_law,
     is_passive,
@@ -131,23 +130,6 @@ def test_a_run_is_its_steps_from_straight_bristles_on(name):
         simulate_dynamic_friction(law, values, each).torque for each in (path, FrictionPath(**parts))
     )
     np.testing.assert_array_equal(joined, np.tile(alone, 2))
-
-
-@LAWS
-def test_columns_are_the_derivatives_of_the_torque(name):
-    law, values = get_dynamic_law(name), VALUES[name]
-    path = build_held_path(0.1 * np.sin(np.linspace(0.0, 30.0, 500)), 1e-3)
-    columns = compute_torque_derivatives(law, values, path, range(len(values)))
-    assert np.all(np.isfinite(columns))
-    for k, value in enumerate(values):
-        step = 1e-5 * value
-        sides = []
-        for sign in (1.0, -1.0):
-            moved = list(values)
-            moved[k] += sign * step
-            sides.append(simulate_dynamic_friction(law, moved, path).torque)
-        difference = (sides[0] - sides[1]) / (2.0 * step)
-        np.testing.assert_allclose(columns[:, k], difference, atol=2e-7 * np.abs(difference).max())
 
 
 def test_passivity_of_lugre_is_known_where_viscous_friction_covers_the_fall():

@@ -187,8 +187,8 @@ def test_what_looks_odd_is_told_and_nothing_else():
     ("options", "code", "words"),
     [
         ({"model": "makkar", "smoothing": 0.01}, "usage.friction-smoothing", "'makkar'"),
-        ({"model": "lugre"}, "usage.friction-state", "fit its curve, 'stribeck-exponent'"),
-        ({"model": "dahl"}, "usage.friction-state", "fit its curve, 'coulomb-viscous'"),
+        ({"model": "lugre", "estimator": "nlp"}, "usage.friction-state", "by the estimator 'varpro'"),
+        ({"model": "dahl", "smoothing": 0.1}, "usage.friction-state", "without smoothing"),
         ({"recordings": (), "model": "stribeck"}, "usage.no-log", None),
     ],
 )

@@ -14,8 +14,9 @@ from symid.identification.friction.joint_fit import (
     FrictionSamples,
     build_reduction,
     compute_velocity_map,
+    cut_parts,
 )
-from symid.identification.friction.selection import CANDIDATE_LAWS, cut_parts, select_law
+from symid.identification.friction.selection import CANDIDATE_LAWS, select_law
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_columns
 from symid.robot import Decimation
