@@ -5,7 +5,7 @@ read_columns(path)      input, output and time from a file
 load(path)              a fit that was saved
 """
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import NamedTuple, final
@@ -14,20 +14,24 @@ from numpy.typing import ArrayLike
 
 from symid import codegen, identification, joint_models, logs as log_files, report, robot as robots
 from symid.api.code import WrittenCode
-from symid.api.log import take_samples
+from symid.api.log import Part, cut_samples, take_samples
 from symid.api.result import Figures, JudgedResult, PagedResult, Progress, SavedResult, ignore
 from symid.arrays import FloatArray
-from symid.errors import LogError, Notice
+from symid.environment import write_file
+from symid.errors import LogError, Notice, UsageError
 from symid.identification import hysteresis as elements
+from symid.notation import UNITS
 from symid.options import HysteresisOptions, Target
 from symid.serialization import describe_record
 
 
-class Columns(NamedTuple):
-    """Columns of a recording, (N,) each.
+@final
+class Columns(NamedTuple("Columns", [("x", FloatArray), ("y", FloatArray), ("t", FloatArray | None)])):
+    """Columns of a recording, (N,) each: a tuple of three.
 
     Attributes:
         x: input; y: output; t: time in s, or None.
+        names, units: of input and output; units are "" where the file states none.
 
     Example:
         >>> import symid
@@ -36,12 +40,13 @@ class Columns(NamedTuple):
         [0.0, 2.0]
     """
 
-    x: FloatArray
-    y: FloatArray
-    t: FloatArray | None
+    names: tuple[str, str] = ("input", "output")
+    units: tuple[str, str] = ("", "")
 
 
-def read_columns(path: str | PathLike[str], *, x: str, y: str, t: str | None = None) -> Columns:
+def read_columns(
+    path: str | PathLike[str], *, x: str | None = None, y: str | None = None, t: str | None = None
+) -> Columns:
     r"""Return input, output and time of a file, in the units of the file.
 
     Args:
@@ -52,6 +57,7 @@ def read_columns(path: str | PathLike[str], *, x: str, y: str, t: str | None = N
 
     Raises:
         LogError: no such file, or columns that it does not have (all are listed).
+        UsageError: no column of the input or the output is named (likewise).
 
     Example:
         >>> import pathlib, symid
@@ -61,21 +67,30 @@ def read_columns(path: str | PathLike[str], *, x: str, y: str, t: str | None = N
     """
     file = Path(fspath(path))
     raw = log_files.read_raw(file)
-    columns: dict[str, FloatArray] = {}
-    for name, values in raw.columns.items():
-        if values.ndim == 1:
-            columns[name] = values
-        else:
-            columns |= {f"{name}[{k}]": values[:, k] for k in range(values.shape[1])}
-    mistakes = []
-    for name in (x, y, *([] if t is None else [t])):
-        if name not in columns:
+    columns, units = dict[str, FloatArray](), dict[str, str]()
+    for own, values in raw.columns.items():
+        parts = {own: values}
+        if values.ndim > 1:
+            parts = {f"{own}[{k}]": values[:, k] for k in range(values.shape[1])}
+        columns |= parts
+        units |= dict.fromkeys(parts, raw.units.get(own, ""))
+    mistakes, unnamed = list[Notice](), list[Notice]()
+    wanted: list[tuple[str | None, str]] = [(x, "input"), (y, "output"), *([(t, "time")] if t else [])]
+    for name, what in wanted:
+        if name is None:
+            text = f"--{what}: name its column; the file has {', '.join(columns)}"
+            unnamed.append(Notice(code="usage.columns", text=text, file=str(file)))
+        elif name not in columns:
             hint = robots.suggest_names(name, columns) or f"it has {', '.join(columns)}"
             text = f"there is no column {name!r}; {hint}"
             mistakes.append(Notice(code="log.no-column", text=text, file=str(file), line=raw.line))
     if mistakes:
         raise LogError(*mistakes)
-    return Columns(columns[x], columns[y], None if t is None else columns[t])
+    if x is None or y is None:
+        raise UsageError(*unnamed)
+    found = Columns(columns[x], columns[y], None if t is None else columns[t])
+    found.names, found.units = (x, y), (units[x], units[y])
+    return found
 
 
 @final
@@ -151,11 +166,65 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
         """
         return elements.invert_fit(self.record, *take_samples(y, t), beyond=beyond)
 
-    def validate(self, x: ArrayLike, y: ArrayLike, t: ArrayLike | None = None) -> "ElementValidation":
-        """Return what the element predicts of another recording, `x`, `y` and `t` as of `fit`."""
+    def validate(
+        self, x: ArrayLike, y: ArrayLike, t: ArrayLike | None = None, *, test: Part | None = None
+    ) -> "ElementValidation":
+        """Return what the element predicts of another recording, `x`, `y` and `t` as of `fit`.
+
+        `test` is the part that is predicted, such as "60%:" or (10.0, 30.0) in s.
+
+        Raises:
+            UsageError: no recording, or a part that is none of it.
+        """
         given, time = take_samples(x, t)
-        trial = elements.validate_element(self.record, given, take_samples(y, None)[0], time)
+        columns = cut_samples(test, "--test", given, take_samples(y, None)[0], time)
+        trial = elements.validate_element(self.record, *columns)
         return ElementValidation(record=self.record, trial=trial)
+
+    def insert(self, robot: str | PathLike[str], joint: str, *, units: tuple[str, str] | None = None) -> Path:
+        """Write the element into a robot file, as the spring of a joint, and return the file's path.
+
+        Input and output become torsion and torque in SI units; all else in the file stays as it is.
+
+        Args:
+            robot: file in TOML, with a table [[joint]] for each joint.
+            joint: name of one.
+            units: of input and output, such as ("deg", "N m"); None for those of the recording.
+
+        Raises:
+            UsageError: units that are not known, or not those of such a joint; no such joint.
+            RobotError: no such file, or a joint that cannot have such a spring.
+            OutputError: the file cannot be written.
+        """
+        path = Path(fspath(robot))
+        found = robots.read_robot(path)
+        named = {one.name: one for one in found.joints}
+        if joint not in named:
+            text = f"there is no joint {joint!r}; {robots.suggest_names(joint, named) or ', '.join(named)}"
+            raise UsageError(Notice(code="usage.element-joint", text=text, file=str(path)))
+        wanted = ("length", "force") if named[joint].prismatic else ("angle", "torque")
+        factors, mistakes = [], list[Notice]()
+        for unit, dimension, what in zip(
+            units or self.record.units, wanted, ("input", "output"), strict=True
+        ):
+            known = UNITS.get(unit, ("", 1.0))
+            if known[0] != dimension:
+                said = f"is in {unit!r}" if unit else "has no unit"
+                text = (
+                    f"the {what} {said}, and joint {joint!r} needs a unit of {dimension}: state it (--units)"
+                )
+                mistakes.append(Notice(code="usage.element-unit", text=text))
+            else:
+                factors.append(known[1])
+        if mistakes:
+            raise UsageError(*mistakes)
+        text = path.read_text(encoding="utf-8")
+        new = robots.place_elasticity(text, found, joint, self.element, (factors[0], factors[1]))
+        pairs = zip(found.joints, robots.parse_robot(new, str(path)).joints, strict=False)
+        if new == text or not all(replace(after, elasticity=old.elasticity) == old for old, after in pairs):
+            text = f"joint {joint!r} has no table [[joint]] of its own; write the spring there by hand"
+            raise UsageError(Notice(code="usage.element-joint", text=text, file=str(path)))
+        return write_file(path, new)
 
     def _save(self, file: Path) -> Path:
         return identification.write_fit(self.record, file, verdict=describe_record(self.verdict))
@@ -261,6 +330,9 @@ def fit(
     *,
     model: str = "auto",
     passive: bool | None = None,
+    train: Part | None = None,
+    names: tuple[str, str] = ("input", "output"),
+    units: tuple[str, str] = ("", ""),
     source: str = "",
 ) -> ElementFit:
     """Return the element that predicts held-out samples best, with as few parameters as that takes.
@@ -273,6 +345,9 @@ def fit(
         model: auto, or one of prandtl-ishlinskii, modified-prandtl-ishlinskii, nonlinear-stops,
             krasnoselskii-pokrovskii, bouc-wen, dahl, lugre, maxwell-slip.
         passive: True for elements from which no motion gets work.
+        train: part that is fitted, such as "0:60%" or (0.0, 20.0) in s.
+        names: of input and output, for tables and axes.
+        units: of input and output, such as ("deg", "N m").
         source: what it is fitted to, for the page.
 
     Raises:
@@ -288,8 +363,9 @@ def fit(
     """
     options = HysteresisOptions(model=model, passive=passive)
     given, time = take_samples(x, t)
-    record = elements.fit_hysteresis(given, take_samples(y, None)[0], time, options)
-    return ElementFit(record=record, source=source)
+    given, output, time = cut_samples(train, "--train", given, take_samples(y, None)[0], time)
+    record = elements.fit_hysteresis(given, output, time, options)
+    return ElementFit(record=replace(record, names=names, units=units), source=source)
 
 
 def load(path: str | PathLike[str]) -> ElementFit:

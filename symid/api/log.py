@@ -6,6 +6,7 @@ identification.
 Supported: csv, npz, mat, hdf5, parquet, ROS 2 bags (db3, mcap, folders), files (.toml) of several runs.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike, fspath
@@ -224,6 +225,26 @@ def _list_files_and_logs(logs: Logs) -> tuple[Path | Log, ...]:
     given = (logs,) if isinstance(logs, str | PathLike | Log | Logged) else tuple(logs)
     found = (entry.log if isinstance(entry, Logged) else entry for entry in given)
     return tuple(entry if isinstance(entry, Log) else Path(fspath(entry)) for entry in found)
+
+
+def cut_samples(
+    part: Part | None, name: str, x: FloatArray, y: FloatArray, t: FloatArray | None
+) -> tuple[FloatArray, FloatArray, FloatArray | None]:
+    """Return a part of input, output and time; a UsageError where it states times that are not known."""
+    if part is None or x.shape != y.shape:
+        return x, y, t
+    (given,) = log_files.read_parts(part, name)
+    ends = [
+        (value, mark == log_files.PERCENT)
+        for value, mark in zip((given.start, given.end), given.units, strict=True)
+    ]
+    if t is None and any(0.0 < value < math.inf and not share for value, share in ends):
+        text = f"{name} {given.text!r}: without the time of the samples state per cent, such as 0:60%"
+        raise UsageError(Notice(code="usage.log-part", text=text))
+    since = np.arange(float(len(x))) if t is None else t - t[0]
+    low, high = (value * since[-1] / 100.0 if share and value < math.inf else value for value, share in ends)
+    kept = (since >= low) & ((since < high) | (high >= since[-1]))
+    return x[kept], y[kept], None if t is None else t[kept]
 
 
 def pair_parts(

@@ -201,10 +201,17 @@ def payload_command(
 )
 @cli.INPUT("--output", "Column of the output, such as a torque.", metavar="NAME")
 @cli.INPUT("--time", "Column of the time, s; without it no model depends on the speed.", metavar="NAME")
+@cli.INPUT("--units", "Units of input and output, such as deg,N m.  [default: those of FILE]", metavar="X,Y")
+@cli.INPUT("--train", "Part of FILE to fit, in seconds or per cent, such as 0:60%.", metavar="START:END")
+@cli.INPUT(
+    "--test", "Part of FILE to predict, such as 60%:, without overlap with --train.", metavar="START:END"
+)
 @cli.INPUT("--validate", "Recording to predict, with the same columns.", cli.FILE, "FILE")
 @cli.record_options(HysteresisOptions)
 @cli.OUTPUT("-o --save", "Write the fit as JSON, which is a FILE for this verb, too.", cli.FILE, "FILE")
 @cli.page_option
+@cli.OUTPUT("--into", "Robot file that gets the element as the spring of --joint.", cli.FILE, "ROBOT.toml")
+@cli.OUTPUT("--joint", "Joint of --into.", metavar="NAME")
 @cli.OUTPUT("--code", "Write the element and its inverse as code.", cli.FILE, "FOLDER")
 @cli.OUTPUT("--target", "Of --code.", click.Choice(("c", "python", "casadi")), default="c")
 @cli.OUTPUT("--precision", "Of --code in C.", click.Choice(("double", "float")), default="double")
@@ -215,11 +222,16 @@ def hysteresis_command(
     *,
     file: Path,
     validate: Path | None,
+    units: str | None,
+    train: str | None,
+    test: str | None,
     model: str | None,
     passive: bool,
     save: Path | None,
     force: bool,
     page: Path | None,
+    into: Path | None,
+    joint: str | None,
     code: Path | None,
     target: Literal["c", "python", "casadi"],
     precision: str,
@@ -233,25 +245,47 @@ def hysteresis_command(
     """
     saved = symid.hysteresis.is_saved(file)
     mistakes = []
-    if (validate is not None or not saved) and not (names["input"] and names["output"]):
-        mistakes.append("--input and --output: name the columns of the recording")
-    if saved and (model or passive):
-        mistakes.append("--model and --passive: this file is a fit; give the recording to fit another model")
+    if saved and (model or passive or train or test):
+        text = "--model, --passive, --train and --test: this file is a fit; give the recording"
+        mistakes.append(f"{text} to fit another model")
+    if (into is None) is not (joint is None):
+        mistakes.append("--into and --joint: give both, the robot file and the joint that gets the element")
+    own = tuple(part.strip() for part in units.split(",")) if units else None
+    if own is not None and len(own) != 2:
+        mistakes.append(f"--units {units!r}: state two, of input and output, such as deg,N m")
     if mistakes:
         raise UsageError(*(Notice(code="usage.columns", text=text) for text in mistakes))
-    cli.check_output(save, page, force=force, inputs=(file, validate))
+    if test and validate is None:
+        # A unit that one states is that of both.
+        parts, pairs = pair_parts([train] if train else [], [test], [file])
+        train, test = parts[0] if parts else None, pairs[0][1]
+    cli.check_output(save, page, force=force, inputs=(file, validate, into))
+    pair = None if own is None else (own[0], own[1])
+    tried, title = None, validate
     if saved:
         fit = symid.hysteresis.load(file)
     else:
         columns = _read_columns(file, names)
         console.progress("fitting elements")
-        kind = model or "auto"
-        fit = symid.hysteresis.fit(*columns, model=kind, passive=passive or None, source=file.name)
-    tried = None if validate is None else fit.validate(*_read_columns(validate, names))
-    lines = [] if tried is None else [f"{validate}:\n{tried.to_text()}"]
+        fit = symid.hysteresis.fit(
+            *columns,
+            model=model or "auto",
+            passive=passive or None,
+            train=train,
+            names=columns.names,
+            units=pair or columns.units,
+            source=file.name,
+        )
+        if test is not None and validate is None:
+            tried, title = fit.validate(*columns, test=test), file
+    if validate is not None:
+        tried = fit.validate(*_read_columns(validate, names), test=test)
+    lines = [] if tried is None else [f"{title}:\n{tried.to_text()}"]
     lines += [] if save is None else [f"fit: {show_path(fit.save(save))}"]
     lines += [] if page is None else [f"page: {show_path(fit.report(page))}"]
     added: dict[str, Any] = {} if tried is None else {"validation": tried.to_dict()}
+    if into is not None and joint is not None:
+        lines.append(f"robot: {show_path(fit.insert(into, joint, units=pair))}, spring of {joint}")
     if code is not None:
         made = fit.write(
             target, code, name=code.name, precision=precision, force=force, progress=console.progress
@@ -262,8 +296,7 @@ def hysteresis_command(
 
 
 def _read_columns(file: Path, names: Mapping[str, str | None]) -> "symid.hysteresis.Columns":
-    x, y = names["input"] or "", names["output"] or ""
-    return symid.hysteresis.read_columns(file, x=x, y=y, t=names["time"])
+    return symid.hysteresis.read_columns(file, x=names["input"], y=names["output"], t=names["time"])
 
 
 @cli.verb("fleet")

@@ -60,6 +60,7 @@ if TYPE_CHECKING:
         start_states as start_states,
         strip_branch as strip_branch,
         trace_branch as trace_branch,
+        write_value_unit as write_value_unit,
     )
     from symid.joint_models.friction_catalogue import (
         FRICTION_LAWS as FRICTION_LAWS,

@@ -85,6 +85,41 @@ def list_element_values(elasticity: elements.Elasticity) -> dict[str, float]:
     return named
 
 
+_POWERS = {
+    "k": (-1, 1, 0),
+    "kc": (-3, 1, 0),
+    "D": (-1, 1, 1),
+    "fall_low": (-1, 0, 1),
+    "fall_high": (-1, 0, 1),
+    "sigma": (-1, 1, 0),
+    "sigma1": (-1, 1, 1),
+    "stiffness": (-1, 1, 0),
+    "Fv": (-1, 1, 1),
+    "speed": (1, 0, -1),
+    "vs": (1, 0, -1),
+    "attraction": (0, 0, -1),
+    "time": (0, 0, 1),
+    **dict.fromkeys(("backlash", "r", "e", "low", "step", "length"), (1, 0, 0)),
+    **dict.fromkeys(("offset", "R", "f", "d", "c", "level", "Fc", "Fe"), (0, 1, 0)),
+}
+"""Powers of the units of the input, the output and of s, of values by the beginning of their name."""
+
+
+def write_value_unit(name: str, units: tuple[str, str]) -> str:
+    """Return the unit of a value of `list_element_values`, from those of input and output; empty for none."""
+    stems = (name, name.rstrip("0123456789_"))
+    known = [key for stem in stems for key in _POWERS if stem == key or stem.endswith(f"_{key}")]
+    powers = _POWERS[max(known, key=len)] if known else (0, 0, 0)
+    ordered = list(zip((powers[1], powers[0], powers[2]), (units[1], units[0], "s"), strict=True))
+    above, below = (
+        " ".join(
+            unit if abs(power) == 1 else f"{unit}^{abs(power)}" for power, unit in ordered if power * sign > 0
+        )
+        for sign in (1, -1)
+    )
+    return f"{above or 1}/{below}" if below else above
+
+
 def needs_time(elasticity: elements.Elasticity) -> bool:
     """Return whether the output depends on how fast the input moves."""
     return elasticity.damping != 0.0 or any(branch.needs_time for branch in elasticity.branches)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     )
     from symid.logs.reader import read_raw as read_raw
     from symid.logs.recording import (
+        PERCENT as PERCENT,
         STATES as STATES,
         LogPart as LogPart,
         Recording as Recording,

@@ -29,6 +29,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import scipy
 
+from symid import joint_models
 from symid.arrays import FloatArray
 from symid.errors import SEVERE, Notice, merge_notices
 from symid.identification import hysteresis
@@ -61,7 +62,6 @@ _HELD_OUT = "of the output unexplained in held-out parts of the recording"
 _POOR = 0.5
 """Of its value: a deviation beyond it leaves not even the first digit."""
 _NORMAL = 1.96
-_LABELS = ("input (unit of the file)", "output (unit of the file)")
 _FEW = 3
 _FEWEST_POINTS, _PLACES = 8, 60
 _NEAR_TOP = 0.1
@@ -419,12 +419,15 @@ def show_element(record: hysteresis.HysteresisRecord) -> tuple[Block, ...]:
     rows = []
     for entry in (one for one in shown if one.deviation > 0.0 and one.name not in poor):
         low, high = (entry.value + side * _NORMAL * entry.deviation for side in (-1.0, 1.0))
-        rows.append((entry.name, f"{entry.value:.5g}", f"{entry.deviation:.2g}", f"{low:.5g} to {high:.5g}"))
+        unit = (joint_models.write_value_unit(entry.name, record.units),) if all(record.units) else ()
+        numbers = (f"{entry.value:.5g}", f"{entry.deviation:.2g}", f"{low:.5g} to {high:.5g}")
+        rows.append((entry.name, *numbers, *unit))
     fixed = [f"{entry.name} = {entry.value:g}" for entry in shown if not entry.deviation and entry.value]
     lists = (("Poorly identifiable, not shown", poor), ("Fixed", fixed))
     note = "\n".join(f"{head}: {', '.join(names)}." for head, names in lists if names)
     form = f" ({record.form})" if record.form else ""
     header: tuple[str, ...] = ("parameter", "value", "std", "95 % interval")
+    header += ("unit",) if all(record.units) else ()
     table = Table(header, rows, title=f"{record.model}{form}", note=note)
     models = []
     for one in record.candidates:
@@ -443,7 +446,7 @@ def show_element(record: hysteresis.HysteresisRecord) -> tuple[Block, ...]:
 
 def draw_element(record: hysteresis.HysteresisRecord) -> tuple[Drawing, ...]:
     """Return the figures of an element: loops, time, residuals, energy of cycles, branches."""
-    trace = record.trace
+    trace, labels = record.trace, _label_axes(record)
     loops = [
         Line("measured", "cloud", trace.position, trace.measured, joined=False),
         Line("predicted", "predicted", trace.position, trace.predicted),
@@ -466,9 +469,9 @@ def draw_element(record: hysteresis.HysteresisRecord) -> tuple[Drawing, ...]:
         return build_curve_figure(caption, (label, "residual"), [line], height=260.0)
 
     drawn = [
-        build_curve_figure(caption, _LABELS, loops),
-        build_line_figure(f"When does it miss? Most at {time_of_worst}.", (time, _LABELS[1]), over_time),
-        draw_cloud(where, _LABELS[0], trace.position),
+        build_curve_figure(caption, labels, loops),
+        build_line_figure(f"When does it miss? Most at {time_of_worst}.", (time, labels[1]), over_time),
+        draw_cloud(where, labels[0], trace.position),
         build_line_figure(moved, (time, "residual"), [Line("residual", "final", trace.time, error)]),
     ]
     if record.timed:
@@ -477,8 +480,18 @@ def draw_element(record: hysteresis.HysteresisRecord) -> tuple[Drawing, ...]:
         slow = float(np.mean(np.abs(error[~fast])))
         ratio = float(np.mean(np.abs(error[fast]))) / slow if fast.any() and slow else 1.0
         text = f"Does it depend on the speed? Fast samples miss {ratio:.2g} times as much as slow ones."
-        drawn.append(draw_cloud(text, "rate of the input (unit of the file / s)", rate))
-    return (*drawn, *_draw_cycles(trace), *_draw_branches(trace))
+        rates = f"rate of {record.names[0]} ({record.units[0] or 'unit of the file'}/s)"
+        drawn.append(draw_cloud(text, rates, rate))
+    return (*drawn, *_draw_cycles(record), *_draw_branches(record))
+
+
+def _label_axes(record: hysteresis.HysteresisRecord) -> tuple[str, str]:
+    """Return what stands at the axes of input and output."""
+    x, y = (
+        f"{name} ({unit or 'unit of the file'})"
+        for name, unit in zip(record.names, record.units, strict=True)
+    )
+    return x, y
 
 
 def compute_cycles(trace: hysteresis.ElementTrace) -> FloatArray:
@@ -494,8 +507,8 @@ def compute_cycles(trace: hysteresis.ElementTrace) -> FloatArray:
     return np.array(rows, dtype=np.float64).reshape(-1, 3)
 
 
-def _draw_cycles(trace: hysteresis.ElementTrace) -> Iterator[Drawing]:
-    cycles = compute_cycles(trace)
+def _draw_cycles(record: hysteresis.HysteresisRecord) -> Iterator[Drawing]:
+    cycles, (x, y) = compute_cycles(record.trace), record.units
     if len(cycles) < _FEW:
         return
     width, measured, predicted = cycles.T
@@ -503,14 +516,18 @@ def _draw_cycles(trace: hysteresis.ElementTrace) -> Iterator[Drawing]:
     curves = (("measured", "link", measured), ("predicted", "predicted", predicted))
     yield build_curve_figure(
         f"Is the lost energy right? Work of a cycle against its width: {100.0 * left:.2g} % is left, rms.",
-        ("width of the cycle (unit of the input)", "work (units of input and output)"),
+        (
+            f"width of the cycle ({x or 'unit of the input'})",
+            f"work ({f'{y} {x}' if x and y else 'units of input and output'})",
+        ),
         [Line(name, style, width, y, markers=True, joined=False) for name, style, y in curves],
         height=260.0,
     )
 
 
-def _draw_branches(trace: hysteresis.ElementTrace) -> Iterator[Drawing]:
+def _draw_branches(record: hysteresis.HysteresisRecord) -> Iterator[Drawing]:
     """Yield branches after reversals moved to one point, and first-order reversal curves."""
+    trace, (name, _), (unit, _) = record.trace, record.names, record.units
     strokes = hysteresis.find_strokes(trace.position)[1:-1]
     parts = [slice(low, high) for low, high in strokes if high - low >= _FEWEST_POINTS]
     if len(parts) < _FEW:
@@ -519,8 +536,8 @@ def _draw_branches(trace: hysteresis.ElementTrace) -> Iterator[Drawing]:
     for part in parts:
         x, y = trace.position[part], trace.measured[part]
         side = 1.0 if x[-1] > x[0] else -1.0
-        name, style = ("upwards", "link") if side > 0.0 else ("downwards", "final")
-        moved.append(Line(name, style, side * (x - x[0]), side * (y - y[0])))
+        way, style = ("upwards", "link") if side > 0.0 else ("downwards", "final")
+        moved.append(Line(way, style, side * (x - x[0]), side * (y - y[0])))
     # The rms of the branches about their mean curve, over the rms of that, where several have points.
     places = np.linspace(0.0, max(float(line.x[-1]) for line in moved), _PLACES)
     courses = (np.interp(places, np.maximum.accumulate(line.x), line.y) for line in moved)
@@ -532,7 +549,7 @@ def _draw_branches(trace: hysteresis.ElementTrace) -> Iterator[Drawing]:
     yield build_curve_figure(
         "Masing's rule? Measured branches after reversals, moved to one point, those downwards "
         f"turned: {100.0 * spread:.2g} % of their rms is spread.",
-        ("way from the reversal (unit of the input)", "change of the output"),
+        (f"way of {name} from the reversal ({unit or 'unit of the file'})", f"change of {record.names[1]}"),
         moved,
         height=300.0,
     )
@@ -543,7 +560,7 @@ def _draw_branches(trace: hysteresis.ElementTrace) -> Iterator[Drawing]:
         return
     yield build_curve_figure(
         "First-order reversal curves: do they meet? Upward branches from reversals to the largest input.",
-        _LABELS,
+        _label_axes(record),
         [
             *(Line("measured", "cloud", trace.position[p], trace.measured[p], joined=False) for p in curves),
             *(Line("predicted", "predicted", trace.position[p], trace.predicted[p]) for p in curves),
@@ -578,7 +595,7 @@ def write_element_page(path: Path, record: hysteresis.HysteresisRecord, *, sourc
         settings=(
             ("model", record.model),
             ("samples", str(record.samples)),
-            ("input", f"{record.span[0]:g} to {record.span[1]:g}"),
+            (record.names[0], f"{record.span[0]:g} to {record.span[1]:g} {record.units[0]}".rstrip()),
         ),
         conventions="work is what goes in: output times way of the input",
         units="Units are those of the file",

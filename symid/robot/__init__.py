@@ -91,7 +91,11 @@ if TYPE_CHECKING:
         suggest_names as suggest_names,
         to_decimal as to_decimal,
     )
-    from symid.robot.toml_writer import move_source as move_source, write_robot as write_robot
+    from symid.robot.toml_writer import (
+        move_source as move_source,
+        place_elasticity as place_elasticity,
+        write_robot as write_robot,
+    )
     from symid.robot.urdf_xml import read_urdf_text as read_urdf_text
     from symid.robot.xml_rewriters import rewrite_mjcf as rewrite_mjcf, rewrite_urdf as rewrite_urdf
 else:

@@ -197,7 +197,8 @@ def list_branch_entries(branch: joint_models.Branch) -> tuple[str, Written]:
     return model, {
         key.name: (given[key.name], key.unit.replace("*", " "))
         for key in _MODELS[model][0]
-        if key.name in given and given[key.name] != key.default
+        # A default that has a unit is another number in other units.
+        if key.name in given and (given[key.name] != key.default or (key.unit and key.default))
     }
 
 

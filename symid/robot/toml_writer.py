@@ -15,6 +15,7 @@ import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -247,19 +248,29 @@ def _write_friction(owner: str, friction: joint_models.FrictionValues) -> Iterat
         yield f"smoothing = {write_number(friction.smoothing)}"
 
 
-def _write_elasticity(elasticity: joint_models.Elasticity, *, prismatic: bool) -> Iterator[str]:
+def _write_elasticity(
+    elasticity: joint_models.Elasticity, factors: tuple[float, float] = (1.0, 1.0), *, prismatic: bool
+) -> Iterator[str]:
+    """Yield the table of a spring, whose numbers times `factors`, of input and output, are in SI units."""
+
+    def write(value: float | None, unit: str) -> str:
+        above, _, below = unit.partition(",")[0].partition("/")
+        power = ("rad" in above) - (int(below.partition("^")[2] or 1) if "rad" in below else 0)
+        scale = factors[0] ** power * factors[1] ** ("N m" in above)
+        return write_known(None if value is None else value * scale)
+
     units = {"damping": "N m s/rad", "cubic": "N m/rad^3", "backlash": "rad, half the gap", "offset": "N m"}
     small = ((key, getattr(elasticity, key), unit) for key, unit in units.items())
     yield from ("", "[joint.elasticity]")
     yield from _write_values(
         prismatic,
-        ("stiffness", write_known(elasticity.stiffness), "N m/rad"),
-        *((key, write_number(value) if value else "", unit) for key, value, unit in small),
+        ("stiffness", write(elasticity.stiffness, "N m/rad"), "N m/rad"),
+        *((key, write(value, unit) if value else "", unit) for key, value, unit in small),
         ("stops", "[" if elasticity.stops else "", "threshold in rad, stiffness in N m/rad"),
     )
     for stop in elasticity.stops:
-        threshold = write_number(stop.threshold)
-        yield f"  {{ threshold = {threshold}, stiffness = {write_known(stop.stiffness)} }},"
+        threshold, stiffness = write(stop.threshold, "rad"), write(stop.stiffness, "N m/rad")
+        yield f"  {{ threshold = {threshold}, stiffness = {stiffness} }},"
     if elasticity.stops:
         yield "]"
     knees = elasticity.knees
@@ -269,7 +280,7 @@ def _write_elasticity(elasticity: joint_models.Elasticity, *, prismatic: bool) -
     if knees:
         yield from _write_values(prismatic, ("knees", "[", "threshold in N m, slope added to one"))
         for knee in knees:
-            yield f"  {{ threshold = {write_number(knee.threshold)}, slope = {write_number(knee.slope)} }},"
+            yield f"  {{ threshold = {write(knee.threshold, 'N m')}, slope = {write_number(knee.slope)} }},"
         yield "]"
     for branch in elasticity.branches:
         model, entries = list_branch_entries(branch)
@@ -277,9 +288,47 @@ def _write_elasticity(elasticity: joint_models.Elasticity, *, prismatic: bool) -
             yield from ("", "[[joint.elasticity.branch]]")
         yield f'model = "{model}"'
         for key, (value, unit) in entries.items():
-            many = ", ".join(map(write_number, value if isinstance(value, tuple) else (value,)))
+            many = ", ".join(write(one, unit) for one in (value if isinstance(value, tuple) else (value,)))
             text = f"[{many}]" if isinstance(value, tuple) else many
             yield from _write_values(prismatic, (key, text, unit))
+
+
+_HEADER = re.compile(r"\s*\[\[?\s*([^\[\]]+?)\s*\]\]?\s*(#.*)?")
+
+
+def place_elasticity(
+    text: str, robot: Robot, name: str, elasticity: joint_models.Elasticity, factors: tuple[float, float]
+) -> str:
+    """Return the text of a robot's file with another spring at the joint `name`, all else as it was.
+
+    `factors` turn input and output of the element into rad or m, and N m or N. Nothing is changed where the
+    file does not have the joint as a table of its own.
+    """
+    lines, joint = text.splitlines(), next(one for one in robot.joints if one.name == name)
+    heads = [(k, found[1]) for k, line in enumerate(lines) if (found := _HEADER.fullmatch(line))]
+    edges = [k for k, head in heads if not head.startswith("joint.")] + [len(lines)]
+    own = re.compile(rf"\s*name\s*=\s*(['\"]){re.escape(name)}\1\s*(#.*)?")
+    blocks = [(low, high) for low, high in pairwise(edges) if any(map(own.fullmatch, lines[low:high]))]
+    blocks = [(low, high) for low, high in blocks if re.fullmatch(r"\s*\[\[\s*joint\s*\]\].*", lines[low])]
+    if len(blocks) != 1:
+        return text
+    (low, high), kept, dropped, inside = blocks[0], list[str](), list[str](), False
+    for line in lines[low:high]:
+        if found := _HEADER.fullmatch(line):
+            inside = found[1] == "joint.elasticity" or found[1].startswith("joint.elasticity.")
+        elif re.match(r"\s*elasticity\s*[.=]", line):
+            continue
+        if not inside or not line.strip() or line.lstrip().startswith("#"):
+            dropped += [line] if inside else []
+            kept += [] if inside else [*dropped, line]
+            dropped = dropped if inside else []
+        else:
+            dropped = []
+    kept += dropped
+    # Comments before the next table belong to it.
+    end = max(k for k, line in enumerate(kept, start=1) if line.strip() and not line.lstrip().startswith("#"))
+    written = _write_elasticity(elasticity, factors, prismatic=joint.prismatic)
+    return "\n".join([*lines[:low], *kept[:end], *written, *kept[end:], *lines[high:]]) + "\n"
 
 
 _HINT_COLUMN = 37

@@ -94,6 +94,7 @@ class HysteresisRecord(FrozenArrays):
         samples: number; skipped: of them, at the beginning, not fitted; span: least and largest input; speed:
             the largest; output: rms about its mean.
         timed: whether the time of the samples was known.
+        names, units: of input and output, as the recording has them; units are "" where it states none.
     """
 
     model: str
@@ -112,6 +113,8 @@ class HysteresisRecord(FrozenArrays):
     speed: float
     output: float
     timed: bool
+    names: tuple[str, str] = ("input", "output")
+    units: tuple[str, str] = ("", "")
     trace: ElementTrace = field(metadata=HIDDEN)
 
 

@@ -1,15 +1,18 @@
 """`symid.hysteresis`: a fit from arrays and from files, what it prints, and what it refuses."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import symid
+from symid import joint_models
 from symid.cli.main import run
 from symid.errors import EstimateError, LogError, UsageError
-from symid.notation import HYSTERESIS_MODELS
+from symid.notation import HYSTERESIS_MODELS, UNITS
 from tests.calls import say
+from tests.elements import ELEMENTS
 from tests.hysteresis_truths import make_dahl, make_input, make_stops, measure
 from tests.refusals import raises
 
@@ -254,9 +257,142 @@ def test_options_that_a_saved_fit_cannot_take(fit, tmp_path, capsys):
     path = str(fit.save(tmp_path / "fit.json"))
     assert run(["hysteresis", path, "--model", "dahl"]) == 2
     assert "this file is a fit" in capsys.readouterr().err
-    assert run(["hysteresis", path, "--validate", "other.csv"]) == 2
-    assert "--input and --output: name the columns" in capsys.readouterr().err
-    assert run(["hysteresis", "recording.csv", "--json"]) == 2
+    (tmp_path / "other.csv").write_text("phi,tau\n0.0,0.0\n0.1,2.0\n", encoding="utf-8")
+    assert run(["hysteresis", path, "--validate", str(tmp_path / "other.csv")]) == 2
+    assert "--input: name its column; the file has phi, tau" in capsys.readouterr().err
+    assert run(["hysteresis", str(tmp_path / "other.csv"), "--json"]) == 2
     assert "usage.columns" in capsys.readouterr().out
     assert run(["hysteresis", path, "-o", path]) == 3
     assert "would be overwritten" in capsys.readouterr().err
+
+
+ARM = """# Comments stay.
+name = "arm"
+convention = "modified"
+gravity = [0, 0, -9.81]
+
+[[joint]]
+name = "shoulder"  # the first
+kind = "revolute"
+[joint.elasticity]
+model = "dahl"
+stiffness = 10.0
+Fc = 1.0
+sigma0 = 5.0
+
+# This belongs to the elbow.
+[[joint]]
+name = "elbow"
+kind = "prismatic"
+elasticity = { stiffness = 3.0 }
+limits = { velocity = 1.0 }
+
+[log]
+time = { column = "t", unit = "s" }
+"""
+
+
+@pytest.mark.parametrize("name", sorted(ELEMENTS))
+@pytest.mark.parametrize(("joint", "units"), [("shoulder", ("deg", "N cm")), ("elbow", ("mm", "kN"))])
+def test_an_element_goes_into_a_robot_file_in_its_units(fit, tmp_path, name, joint, units):
+    file = tmp_path / "arm.toml"
+    file.write_text(ARM, encoding="utf-8")
+    found = replace(fit, record=replace(fit.record, elasticity=ELEMENTS[name], units=units))
+    assert found.insert(file, joint) == file
+    after = file.read_text(encoding="utf-8")
+    kept = [line for line in ARM.splitlines() if line.startswith(("#", "name", "[[", "[log", "time"))]
+    assert [line for line in after.splitlines() if line in kept] == kept
+    robot = symid.load(file).description
+    there = next(one for one in robot.joints if one.name == joint)
+    # The same motion in either units.
+    t = np.arange(400) / 100.0
+    x = 0.4 * np.sin(3.0 * t) + 0.2 * np.sin(7.1 * t)
+    scales = [UNITS[unit][1] for unit in units]
+    wanted = joint_models.run_element(ELEMENTS[name], x, t).output
+    run = joint_models.run_element(there.elasticity, scales[0] * x, t)
+    np.testing.assert_allclose(run.output / scales[1], wanted, rtol=1e-9, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("joint", "units", "codes", "text"),
+    [
+        ("elbow", ("mm", ""), ["usage.element-unit"], "the output has no unit"),
+        (
+            "shoulder",
+            ("mm", "N"),
+            ["usage.element-unit"] * 2,
+            "'mm', and joint 'shoulder' needs a unit of angle",
+        ),
+        ("wrist", ("deg", "N m"), ["usage.element-joint"], "no joint 'wrist'; .*shoulder"),
+    ],
+)
+def test_what_cannot_go_into_a_robot_file_is_refused(fit, tmp_path, joint, units, codes, text):
+    file = tmp_path / "arm.toml"
+    file.write_text(ARM, encoding="utf-8")
+    with raises(UsageError, *codes, match=text):
+        fit.insert(file, joint, units=units)
+    assert file.read_text(encoding="utf-8") == ARM
+
+
+def test_a_joint_that_is_no_table_of_its_own_is_refused(fit, tmp_path):
+    file = tmp_path / "arm.toml"
+    text = 'name = "a"\nconvention = "modified"\ngravity = [0, 0, 0]\njoint = [{name="j",kind="revolute"}]\n'
+    file.write_text(text, encoding="utf-8")
+    with raises(UsageError, "usage.element-joint", match="no table"):
+        fit.insert(file, "j", units=("rad", "N m"))
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"),
+    [
+        ("k0", "N m/mrad"),
+        ("kc", "N m/mrad^3"),
+        ("D", "N m s/mrad"),
+        ("r12", "mrad"),
+        ("R1", "N m"),
+        ("s1", ""),
+        ("slip2_fall_low", "s/mrad"),
+        ("relays_c3_1", "N m"),
+        ("bouc_wen_skew", ""),
+        ("bristles_sigma1", "N m s/mrad"),
+        ("bristles_stiffness2", "N m/mrad"),
+        ("bristles_vs", "mrad/s"),
+        ("attracted_attraction", "1/s"),
+        ("relaxation_time", "s"),
+    ],
+)
+def test_values_have_the_units_of_input_and_output(name, unit):
+    assert joint_models.write_value_unit(name, ("mrad", "N m")) == unit
+
+
+def test_parts_are_fitted_and_tested(recording, tmp_path, capsys):
+    t, x, y = recording
+    model = "prandtl-ishlinskii"
+    fit = symid.hysteresis.fit(x, y, t, model=model, train="0:60%")
+    assert fit.record.samples == int(np.sum(t - t[0] < 0.6 * (t[-1] - t[0])))
+    tried = fit.validate(x, y, t, test="60%:")
+    assert fit.record.samples + tried.trial.samples == len(t)
+    with raises(UsageError, "usage.log-part", match="state per cent"):
+        symid.hysteresis.fit(x, y, train=(0.0, 3.0))
+    rows = "\n".join(",".join(map(repr, row)) for row in np.column_stack([t, x, y]).tolist())
+    (tmp_path / "damper.csv").write_text(f"t [s],stroke [mm],force [N]\n{rows}\n", encoding="utf-8")
+    words = [
+        "hysteresis",
+        str(tmp_path / "damper.csv"),
+        "--input",
+        "stroke",
+        "--output",
+        "force",
+        "--time",
+        "t",
+    ]
+    words += ["--model", model, "--page", str(tmp_path / "damper.html")]
+    assert run([*words, "--train", "0:60", "--test", "60%:"]) == 0
+    printed = capsys.readouterr().out
+    assert "N/mm" in printed
+    assert f"{tried.trial.samples} samples" in printed
+    page = (tmp_path / "damper.html").read_text(encoding="utf-8")
+    assert "stroke (mm)" in page
+    assert "force (N)" in page
+    assert run([*words, "--force", "--train", "0:60%", "--test", "50%:"]) == 2
+    assert "overlaps" in capsys.readouterr().err
