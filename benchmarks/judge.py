@@ -751,10 +751,12 @@ COVERED: dict[str, Recipe | tuple[str, str]] = {
     ),
     "spatial 4R, 200 Hz": Recipe(plant="own", size=4, duration=20.0, rate=200.0),
     "spatial 4R, 50 Hz": Recipe(plant="own", size=4, duration=20.0, rate=50.0, early=True),
+    "Stribeck 3R, 250 Hz": Recipe(plant="own", duration=20.0, excess=0.4),
     **{f"{arm}, {case}": (arm, case) for arm, case in product(ARMS, CASES)},
 }
-"""Plants by name, or arm and case of `simulated_arms.py`."""
+"""Plants by name, or arm and case of `simulated_arms.py`; laws are chosen where static friction is more."""
 USUAL = ("rigid3, 250 Hz", "rigid3, 50 Hz", "spatial 4R, 200 Hz", "spatial 4R, 50 Hz", "panda, white")
+USUAL += ("Stribeck 3R, 250 Hz",)
 
 
 def list_coverage(given: Given) -> list[str]:
@@ -765,8 +767,9 @@ def list_coverage(given: Given) -> list[str]:
 def run_coverage(name: str, given: Given, folder: Path) -> dict:
     """Return what one draw gives, the truth beside it."""
     plant, number = name[:-1].split(" [")
-    source = COVERED[plant]
+    source, options = COVERED[plant], {}
     if isinstance(source, Recipe):
+        options = {"friction": "auto"} if source.excess else {}
         chain = build_chain(source, np.random.default_rng([51, given.seed]))
         run = simulate_run(source, chain, np.random.default_rng([52, given.seed, int(number)]))
         robot, logs = build_sample(source, chain, [run]).write(folder)
@@ -776,7 +779,7 @@ def run_coverage(name: str, given: Given, folder: Path) -> dict:
         robot = write_arm_file(arm, folder)
         logs = [simulate(arm, CASES[source[1]], int(number)).write(folder / "log.npz")]
         truth = find_arm_truth(source[0], robot)
-    result, _ = identify(robot, logs)
+    result, _ = identify(robot, logs, **options)
     return result | {"plant": plant, "truth": truth, "notices": []}
 
 

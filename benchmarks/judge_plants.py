@@ -45,6 +45,7 @@ class Chain:
         dh: modified Denavit-Hartenberg rows alpha (rad), a, d (m).
         bodies: mass (kg), centre of mass (m), tensor about it (xx xy xz yy yz zz, kg m^2), link axes.
         rotors: kg m^2 on the joint side. viscous: N m s/rad. coulomb: N m. widths: rad/s, 0 for a sign.
+        excess: N m, of static over dry friction; falls: rad/s, over which it vanishes as exp(-(dq / falls)^2).
         stiffness, damping: of the controller, N m/rad, N m s/rad.
         gravity: of the base frame in truth, m/s^2. stated: the same in the robot file.
     """
@@ -55,6 +56,8 @@ class Chain:
     viscous: tuple[float, ...]
     coulomb: tuple[float, ...]
     widths: tuple[float, ...]
+    excess: tuple[float, ...] = ()
+    falls: tuple[float, ...] = ()
     stiffness: tuple[float, ...] = ()
     damping: tuple[float, ...] = ()
     gravity: tuple[float, ...] = DOWN
@@ -81,12 +84,18 @@ class Chain:
         """Return the friction (N, n)."""
         width = np.array(self.widths)
         rise = np.where(width > 0.0, np.tanh(dq / np.where(width > 0.0, width, 1.0)), np.sign(dq))
-        return np.array(self.viscous) * dq + np.array(self.coulomb) * rise
+        level = np.array(self.coulomb)
+        if self.excess:
+            level = level + np.array(self.excess) * np.exp(-((dq / np.array(self.falls)) ** 2))
+        return np.array(self.viscous) * dq + level * rise
 
     def list_friction(self) -> tuple[dict[str, float], ...]:
         """Return the friction of every joint as `build_plant` reads it."""
         pairs = zip(self.viscous, self.coulomb, self.widths, strict=True)
-        return tuple({"Fv": viscous, "Fc": dry, "width": width} for viscous, dry, width in pairs)
+        found = [{"Fv": viscous, "Fc": dry, "width": width} for viscous, dry, width in pairs]
+        for joint, excess, fall in zip(found, self.excess, self.falls, strict=False):
+            joint |= {"Fe": excess, "vs": fall}
+        return tuple(found)
 
     def add_payload(self, mass: float, centre: tuple[float, float, float]) -> "Chain":
         """Return the chain with a ball of `mass` (kg) and 3 cm at `centre` (m) of its last link."""
@@ -463,6 +472,7 @@ class Recipe:
         jitter: share of the period by which stamps are wrong, rms.
         second: "payload" or "arm", which is another one in a second log.
         arm: "drawn", or "rigid3", that of two logs among the cases.
+        excess: of static friction, share of the dry one; of the own plant.
     """
 
     plant: str = "follow"
@@ -483,6 +493,7 @@ class Recipe:
     jitter: float = 0.0
     second: str = ""
     arm: str = "drawn"
+    excess: float = 0.0
 
     @property
     def words(self) -> str:
@@ -499,6 +510,9 @@ def build_chain(recipe: Recipe, rng: np.random.Generator) -> Chain:
     chain = build_case_arm()
     if recipe.arm == "drawn":
         chain = draw_chain(rng, recipe.size, planar=recipe.planar, width=recipe.width)
+    if recipe.excess:
+        falls = tuple(rng.uniform(0.05, 0.2, chain.size).tolist())
+        chain = replace(chain, excess=tuple(recipe.excess * dry for dry in chain.coulomb), falls=falls)
     if recipe.tilt:
         chain = turn_gravity(chain, np.radians(recipe.tilt[0]), np.array(recipe.tilt[1:]))
     return chain
@@ -586,6 +600,8 @@ def find_truth(robot: symid.RobotModel, chain: Chain) -> dict[str, float]:
     rigid = solve_base(robot, states, compute_with_pinocchio(stated, *states))
     for joint, (viscous, dry) in enumerate(zip(chain.viscous, chain.coulomb, strict=True), 1):
         rigid |= {f"Fv{joint}": viscous, f"Fc{joint}": dry, f"offset{joint}": 0.0}
+    for joint, (excess, fall) in enumerate(zip(chain.excess, chain.falls, strict=True), 1):
+        rigid |= {f"Fe{joint}": excess, f"vs{joint}": fall}
     return rigid
 
 

@@ -198,14 +198,14 @@ def search_friction(
                 plan = rigid.plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
                 plan = replace(plan, laws_chosen=AUTO in names.values())
             estimate = rigid.identify_parameters(library, loaded, robot.processing, plan=plan, **options)
-            before = _list_shapes(found)
+            before = _list_bent(found)
             # Where a step of shape values helps no more, others would lead away; loads settle by themselves.
             percent = estimate.mean_relative_percent
             if best is not None and before and percent > best.estimate.mean_relative_percent:
-                return best
+                return best._replace(estimate=_take_deviations(best.estimate, estimate))
             found = _move_friction(found, estimate)
-            after, deviations = _list_shapes(found), {entry.name: entry.std for entry in estimate.parameters}
-            # Within a deviation, or where columns that are linear about a value are exact.
+            after, deviations = _list_bent(found), {entry.name: entry.std for entry in estimate.parameters}
+            # Within a deviation, or where columns that are linear about a value, times others, are exact.
             still = all(
                 abs(after[name] - value) <= max(deviations.get(name, math.inf), POLICY.relevance * abs(value))
                 for name, value in before.items()
@@ -228,6 +228,13 @@ def search_friction(
     return _record_laws(estimate, found, robot, library, choice, names), found, library
 
 
+def _take_deviations(estimate: Estimate, later: Estimate) -> Estimate:
+    """Return the estimate with the deviations of a `later` one, whose columns are those about its values."""
+    stds = {entry.name: entry.std for entry in later.parameters}
+    moved = (replace(entry, std=stds.get(entry.name, entry.std)) for entry in estimate.parameters)
+    return replace(estimate, parameters=tuple(moved))
+
+
 def _list_searched(robot: Robot, names: Collection[str]) -> tuple[ParameterCard, ...]:
     """Return the shape values of these joints as parameters."""
     found = list[ParameterCard]()
@@ -243,12 +250,16 @@ def _list_searched(robot: Robot, names: Collection[str]) -> tuple[ParameterCard,
     return tuple(found)
 
 
-def _list_shapes(robot: Robot) -> dict[str, float]:
-    """Return the shape values of friction laws by name."""
+def _list_bent(robot: Robot) -> dict[str, float]:
+    """Return the values of laws with a shape by name: of the shape, and those that its columns hold."""
+    values = {
+        number: (joint_models.name_shape(joint.friction), joint_models.name_values(joint.friction))
+        for number, joint in enumerate(robot.joints, start=1)
+    }
     return {
         join_name(name, number): value
-        for number, joint in enumerate(robot.joints, start=1)
-        for name, value in joint_models.name_shape(joint.friction).items()
+        for number, (shape, linear) in values.items()
+        for name, value in (shape | linear if shape else {}).items()
     }
 
 
