@@ -45,7 +45,7 @@ class Chain:
         dh: modified Denavit-Hartenberg rows alpha (rad), a, d (m).
         bodies: mass (kg), centre of mass (m), tensor about it (xx xy xz yy yz zz, kg m^2), link axes.
         rotors: kg m^2 on the joint side. viscous: N m s/rad. coulomb: N m. widths: rad/s, 0 for a sign.
-        excess: N m, of static over dry friction; falls: rad/s, over which it vanishes as exp(-(dq / falls)^2).
+        excess: N m, of static over dry friction; falls: rad/s, it vanishes as exp(-(dq / falls)^2).
         stiffness, damping: of the controller, N m/rad, N m s/rad.
         gravity: of the base frame in truth, m/s^2. stated: the same in the robot file.
     """

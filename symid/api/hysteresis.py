@@ -26,7 +26,9 @@ from symid.serialization import describe_record
 
 
 @final
-class Columns(NamedTuple("Columns", [("x", FloatArray), ("y", FloatArray), ("t", FloatArray | None)])):
+class Columns(  # noqa: SLOT002 - names and units are beside the tuple, so that it is taken apart as one of three
+    NamedTuple("Columns", [("x", FloatArray), ("y", FloatArray), ("t", FloatArray | None)])
+):
     """Columns of a recording, (N,) each: a tuple of three.
 
     Attributes:

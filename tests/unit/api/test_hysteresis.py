@@ -314,19 +314,19 @@ def test_an_element_goes_into_a_robot_file_in_its_units(fit, tmp_path, name, joi
 
 
 @pytest.mark.parametrize(
-    ("joint", "units", "codes", "text"),
+    ("where", "codes", "text"),
     [
-        ("elbow", ("mm", ""), ["usage.element-unit"], "the output has no unit"),
+        (("elbow", ("mm", "")), ["usage.element-unit"], "the output has no unit"),
         (
-            "shoulder",
-            ("mm", "N"),
+            ("shoulder", ("mm", "N")),
             ["usage.element-unit"] * 2,
             "'mm', and joint 'shoulder' needs a unit of angle",
         ),
-        ("wrist", ("deg", "N m"), ["usage.element-joint"], "no joint 'wrist'; .*shoulder"),
+        (("wrist", ("deg", "N m")), ["usage.element-joint"], "no joint 'wrist'; .*shoulder"),
     ],
 )
-def test_what_cannot_go_into_a_robot_file_is_refused(fit, tmp_path, joint, units, codes, text):
+def test_what_cannot_go_into_a_robot_file_is_refused(fit, tmp_path, where, codes, text):
+    joint, units = where
     file = tmp_path / "arm.toml"
     file.write_text(ARM, encoding="utf-8")
     with raises(UsageError, *codes, match=text):
