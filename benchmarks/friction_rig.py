@@ -1,8 +1,10 @@
 """A test rig for friction with a memory: one mass on bristles, pushed, pulled by a spring, or under control.
 
-Law and its values, mass, drive -> RigRun: samples of the motion with an energy balance.
+Values of Dahl or LuGre, mass, drive -> RigRun: samples of the motion with an energy balance.
 
-    m dv/dt = F - tau_f(v, z),   dx/dt = v,   dz/dt of the law,   dw/dt of the drive
+    m dv/dt = F - tau_f,   dx/dt = v,   dw/dt of the drive
+    dz/dt = v - sigma0 |v| / g(v) z,   g = fC + (fS - fC) exp(-|v / vs|^gamma), of Dahl fC
+    tau_f = sigma0 z + sigma1 dz/dt + fV v
     force    F = F(t)
     spring   F = k (V t - x) + c (V - v)
     control  F = kp e + ki w - kd v,   e = target(t) - x,   dw/dt = e
@@ -10,18 +12,17 @@ Law and its values, mass, drive -> RigRun: samples of the motion with an energy 
 Integrated by LSODA (Hindmarsh and Petzold): bristles make the equations stiff while the mass slips, and soft
 while it sticks. Tolerances are relative, and absolute on the scale of the bristles.
 
-Supported: revolute and prismatic axes alike (kg m^2 and rad, or kg and m); any dynamic friction law.
+Supported: revolute and prismatic axes alike (kg m^2 and rad, or kg and m).
 Not supported: several masses; forces that jump faster than the sampling, unless `substep` is set.
 """
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import scipy
 
-from symid import joint_models
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, SolverError
 
@@ -77,10 +78,9 @@ RigDrive = ForceDrive | SpringDrive | PositionControl
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Rig:
-    """A mass (kg m^2 or kg) on friction; `values` in the order of the law."""
+    """A mass (kg m^2 or kg) on friction; `values` by name: sigma0, fC; fS, vs, gamma; sigma1, fV."""
 
-    law: joint_models.DynamicLaw
-    values: tuple[float, ...]
+    values: Mapping[str, float]
     mass: float
 
 
@@ -122,24 +122,29 @@ class RigRun(FrozenArrays):
     energy: FloatArray
 
 
-_FLOATS = joint_models.build_float_carrier()
 _RUNAWAY = 1e15
 """Largest position and speed, relative to those of the bristles."""
 
 
-def compute_largest_level(law: joint_models.DynamicLaw, values: Sequence[float]) -> float:
-    """Return the largest g, N m or N; |z| that begins below it divided by sigma0 stays below."""
-    named = dict(zip(law.names, values, strict=True))
-    return max(named["fC"], named.get("fS", named["fC"]))
+def compute_bristles(values: Mapping[str, float], velocity: float, deflection: float) -> tuple[float, float]:
+    """Return dz/dt, rad/s or m/s, and tau_f, N m or N."""
+    level = values["fC"]
+    if "fS" in values:
+        fall = math.exp(-((abs(velocity) / values["vs"]) ** values["gamma"]))
+        level += (values["fS"] - level) * fall
+    bent = values["sigma0"] * deflection
+    rate = velocity - abs(velocity) * bent / level
+    return rate, bent + values.get("sigma1", 0.0) * rate + values.get("fV", 0.0) * velocity
 
 
 def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> RigRun:
     """Return the motion of the mass from straight bristles; a SolverError if it cannot be integrated."""
     count = math.floor(options.duration * options.rate * (1.0 + 1e-12)) + 1
     time = np.arange(count) / options.rate
-    largest = compute_largest_level(rig.law, rig.values)
-    bend = largest / rig.values[0]
-    speed = bend * math.sqrt(rig.values[0] / rig.mass)
+    stiffness, coulomb = rig.values["sigma0"], rig.values["fC"]
+    largest = max(coulomb, rig.values.get("fS", coulomb))
+    bend = largest / stiffness
+    speed = bend * math.sqrt(stiffness / rig.mass)
     scales = np.array([bend, speed, bend, bend * options.duration, largest * bend, largest * bend])
 
     def compute_rates(at: float, state: FloatArray) -> list[float]:
@@ -149,9 +154,8 @@ def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> Rig
         if not (abs(velocity) < _RUNAWAY * speed and abs(position) < _RUNAWAY * bend):
             raise OverflowError
         force, memory_rate = drive.evaluate(at, known)
-        friction = joint_models.compute_dynamic_torque(_FLOATS, rig.law, velocity, deflection, rig.values)
-        rate = joint_models.compute_bristle_rate(_FLOATS, rig.law, velocity, deflection, rig.values)
-        loss = friction * velocity - rig.values[0] * deflection * rate
+        rate, friction = compute_bristles(rig.values, velocity, deflection)
+        loss = friction * velocity - stiffness * deflection * rate
         acceleration = (force - friction) / rig.mass
         return [velocity, acceleration, rate, memory_rate, force * velocity, loss, force, friction]
 
@@ -171,8 +175,7 @@ def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> Rig
         except OverflowError:
             reason = "the motion grew without bound"
     if reason:
-        failed = f"the rig of {rig.law.name!r} could not be simulated: {reason}"
-        text = f"{failed}; lower the gains or the tolerance"
+        text = f"the rig could not be simulated: {reason}; lower the gains or the tolerance"
         raise SolverError(Notice(code="simulate.friction-rig", text=text))
     position, velocity, deflection, _, work, loss = solved.y
     found = np.array([compute_rates(at, x) for at, x in zip(time.tolist(), solved.y.T, strict=True)])
@@ -186,5 +189,5 @@ def simulate_friction_rig(rig: Rig, drive: RigDrive, options: RigOptions) -> Rig
         friction=found[:, 7],
         work=work,
         loss=loss,
-        energy=0.5 * rig.mass * velocity**2 + 0.5 * rig.values[0] * deflection**2,
+        energy=0.5 * rig.mass * velocity**2 + 0.5 * stiffness * deflection**2,
     )

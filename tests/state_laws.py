@@ -45,6 +45,17 @@ def write_table(name, **changed):
     return "\n".join([f'model = "{name}"', *(f"{key} = {value}" for key, value in pairs)])
 
 
+def print_values(name):
+    """Return the values of a law under the names that papers print, elements numbered."""
+    p = give_values(name)
+    found = {"fC": p.pop("Fc"), "fV": p.pop("Fv")}
+    found |= {"fS": found["fC"] + p.pop("Fe")} if "Fe" in p else {}
+    for key, value in p.items():
+        numbered = enumerate(value, start=1) if isinstance(value, list) else [("", value)]
+        found |= {f"{key}{number}": each for number, each in numbered}
+    return found
+
+
 def find_level(p, v):
     """Return g(v), N m."""
     bend = p.get("Fe", 0.0)

@@ -8,7 +8,7 @@ S and C are minimax polynomials on |r| <= pi/4 (Remez 1934) for the relative err
 in 60 digits, each coefficient rounded before the others were fitted again; in exact arithmetic they err by
 less than 2^-57 (double) and 2^-27 (float). Friction laws stand alone too: static ones are functions such as
     double symid_friction_stribeck(double velocity, const double p[4]);
-of physical parameters in the order of the law, a `DynamicLaw` a struct for the deflection of one joint.
+of physical parameters in the order of the law, those with bristles a struct for the deflection of one joint.
 
 Supported: double and float; one sample and batches; compilers with vector types of GCC, and C99 without;
 parameters as arguments or constants; all friction laws of the joint models.
@@ -54,10 +54,7 @@ def build_law_program(law: joint_models.FrictionLaw) -> Program:
     table = ExpressionTable()
     inputs = {name: table.input(port, 0) for port, name in enumerate(law.inputs)}
     values = [table.input(len(law.inputs), k) for k in range(len(law.physical))]
-    own = []
-    for row in law.unmixing:
-        shares = (pair for pair in zip(row, values, strict=True) if pair[0])
-        own.append(table.sum_values(table.scale(float(factor), value) for factor, value in shares))
+    own = law.unmix(table, values)
     count = len(law.linear)
     pairs = zip(own[:count], law.columns(table, inputs, own[count:]), strict=True)
     torque = table.sum_values(table.mul(factor, column) for factor, column in pairs)
@@ -111,28 +108,35 @@ def generate_friction_laws(
     )
 
 
-def build_step_program(law: joint_models.DynamicLaw) -> Program:
+def build_step_program(law: joint_models.FrictionLaw) -> Program:
     """Return a step as a program: parameters p, held velocity and period, z -> z after it, torque."""
-    table = ExpressionTable()
-    values = [table.input(0, k) for k in range(len(law.parameters))]
-    held = (table.input(1, 0), table.input(1, 1))
-    after, torque = joint_models.compute_bristle_step(table, law, held, table.input(2, 0), values)
-    sizes, outputs = {"p": len(values), "held": 2, "z": 1}, {"z_after": [after], "torque": [torque]}
-    return table.build_vector_program(f"{law.name}_step", sizes, outputs)
+    table, parameters = ExpressionTable(), joint_models.list_state_parameters(law)
+    printed = {entry.name: table.input(0, k) for k, entry in enumerate(parameters)}
+    values = joint_models.convert_printed(table, law, printed)
+    velocity, period = table.input(1, 0), table.input(1, 1)
+    way = table.mul(velocity, period)
+    torque, after = joint_models.advance_memory(table, values, velocity, way, [table.input(2, 0)])
+    sizes, outputs = {"p": len(printed), "held": 2, "z": 1}, {"z_after": list(after), "torque": [torque]}
+    return table.build_vector_program(f"{_build_law_name(law)}_step", sizes, outputs)
 
 
-def generate_friction_state(law: joint_models.DynamicLaw, *, precision: str = "double") -> Files:
-    """Return name and text of the header and the source of a law, for `precision` "double" or "float"."""
-    prefix = f"symid_friction_{law.name}"
+def generate_friction_state(law: joint_models.FrictionLaw, *, precision: str = "double") -> Files:
+    """Return name and text of the header and the source of a law, for `precision` "double" or "float".
+
+    A UsageError for laws without bristles.
+    """
+    prefix = f"symid_friction_{_build_law_name(law)}"
     body = printing.print_c(build_step_program(law), precision)
     largest = "FLT_MAX" if precision == "float" else "DBL_MAX"
     # Conditions on the parameters; a NaN meets none.
-    checks, lines = [], []
-    for entry in law.parameters:
+    checks, lines, parameters = [], [], joint_models.list_state_parameters(law)
+    for entry in parameters:
         relation = ">=" if entry.lower_is_allowed else ">"
-        checks.append(f"p->{entry.name} {relation} {printing.write_literal(entry.lower, precision)}")
-        upper = printing.write_literal(entry.upper, precision) if math.isfinite(entry.upper) else largest
-        checks.append(f"p->{entry.name} <= {upper}")
+        lower, upper = (
+            printing.write_literal(bound, precision) if math.isfinite(bound) else f"{sign}{largest}"
+            for sign, bound in (("-", entry.lower), ("", entry.upper))
+        )
+        checks += [f"p->{entry.name} {relation} {lower}", f"p->{entry.name} <= {upper}"]
         lines.append(f"{entry.name}; /**< {entry.meaning}, {entry.unit} ({entry.unit_prismatic}) */")
     facts = {"banner": _LAW_BANNER, "prefix": prefix, "macro": prefix.upper(), "real": precision}
     header = write_template(
@@ -148,8 +152,8 @@ def generate_friction_state(law: joint_models.DynamicLaw, *, precision: str = "d
         zero=printing.write_literal(0.0, precision),
         size="fabsf" if precision == "float" else "fabs",
         largest=largest,
-        parameter_count=len(law.parameters),
-        parameters=", ".join(f"state->parameters.{name}" for name in law.names),
+        parameter_count=len(parameters),
+        parameters=", ".join(f"state->parameters.{entry.name}" for entry in parameters),
         helpers=body.helpers,
         checks=checks,
         statements=body.statements,

@@ -31,7 +31,7 @@ from typing import ClassVar, Generic, TypeVar
 
 from symid.errors import Notice, RobotError
 from symid.joint_models.carriers import Carrier, build_float_carrier
-from symid.joint_models.dynamic_friction import advance_memory
+from symid.joint_models.dynamic_friction import advance_memory, is_passive
 
 V = TypeVar("V")
 
@@ -473,11 +473,8 @@ class BristleBranch:
 
     @property
     def passive(self) -> bool:
-        """Return whether no motion gives work; for LuGre Fv >= sigma1 |Fe| / least level suffices."""
-        given = dict(self.values)
-        excess, damping = given.get("Fe", 0.0), given.get("sigma1", 0.0)
-        least = min(given["Fc"], given["Fc"] + excess)
-        return given.get("Fv", 0.0) * least >= damping * abs(excess)
+        """Return whether no motion gives work, as far as it is known."""
+        return bool(is_passive(dict(self.values)))
 
     @property
     def most_slope(self) -> float:

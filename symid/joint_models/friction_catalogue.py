@@ -27,7 +27,6 @@ import numpy as np
 from symid.errors import Notice, UsageError
 from symid.joint_models import friction_columns as columns
 from symid.joint_models.carriers import build_float_carrier, smooth
-from symid.joint_models.dynamic_friction import BRISTLES, ELEMENTS
 from symid.joint_models.friction_law import (
     NO_FRICTION,
     FrictionLaw,
@@ -78,15 +77,28 @@ _POSITIVE: tuple[tuple[Any, ...], ...] = (
     ("TV", "T_V", "kelvin", "temperature over which cold friction falls to 1/e", 0.0, math.inf, 20.0),
 )
 
+_positive = partial(build_parameter, allowed=False)
+
 _PARAMETERS: dict[str, LawParameter] = {
     parameter.name: parameter
     for parameter in (
         *(build_parameter(f"f{end}", f"f_{tex}", *rest) for end, tex, *rest in _TWINS),
         *(build_parameter(f"F{end.lower()}", f"F_{tex}", *rest) for end, tex, *rest in _TWINS),
         *(build_parameter(*row) for row in _OTHERS),
-        *(build_parameter(*row, allowed=False) for row in _POSITIVE),
+        *(_positive(*row) for row in _POSITIVE),
     )
 }
+
+_BRISTLES = (
+    _positive("sigma0", r"\sigma_0", "stiffness", "stiffness of the bristles"),
+    build_parameter("sigma1", r"\sigma_1", "viscous", "damping of the bristles"),
+)
+"""What LuGre remembers with; Dahl has the first."""
+_ELEMENTS = (
+    _positive("stiffness", "s_k", "stiffness", "stiffness of each element"),
+    _positive("share", "a_k", "number", "share of each element in dry friction; their sum is one", 0.0, 1.0),
+)
+"""The same of Maxwell-slip, a list each."""
 
 
 def _build_power_parameters(order: int) -> tuple[LawParameter, LawParameter]:
@@ -440,7 +452,7 @@ STATE_LAWS: dict[str, FrictionLaw] = {
             source="Dahl 1968, exponent one, with viscous friction",
             smoothness=_BENDS,
             passivity=_FOLLOWS,
-            memory=BRISTLES[:1],
+            memory=_BRISTLES[:1],
         ),
         replace(
             build_stribeck(exponent=None),
@@ -450,7 +462,7 @@ STATE_LAWS: dict[str, FrictionLaw] = {
             source="Canudas de Wit, Olsson, Astrom and Lischinsky 1995",
             smoothness=_BENDS,
             passivity="Passive where fV >= sigma1 |fS - fC| / min(fC, fS); the state is bounded always.",
-            memory=BRISTLES,
+            memory=_BRISTLES,
         ),
         replace(
             _COULOMB_VISCOUS,
@@ -459,7 +471,7 @@ STATE_LAWS: dict[str, FrictionLaw] = {
             source="Iwan, J. Applied Mechanics 33 (1966) 893-900, with viscous friction",
             smoothness=_BENDS,
             passivity=_FOLLOWS,
-            memory=ELEMENTS,
+            memory=_ELEMENTS,
             elements=True,
         ),
         replace(
@@ -470,7 +482,7 @@ STATE_LAWS: dict[str, FrictionLaw] = {
             "attraction without end: what slips is at its level",
             smoothness=_BENDS,
             passivity="Dissipative where no coefficient is negative and fS is positive.",
-            memory=ELEMENTS,
+            memory=_ELEMENTS,
             elements=True,
         ),
     )

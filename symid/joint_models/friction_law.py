@@ -139,8 +139,18 @@ class FrictionLaw:
 
     def from_physical(self, physical: Sequence[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return (linear, shape) from values in the order of `physical`."""
-        values = _multiply(self.unmixing, physical)
-        return values[: len(self.linear)], values[len(self.linear) :]
+        values = self.unmix(carriers.build_float_carrier(), list(map(float, physical)))
+        return tuple(values[: len(self.linear)]), tuple(values[len(self.linear) :])
+
+    def unmix(self, algebra: carriers.Carrier[V], physical: Sequence[V]) -> list[V]:
+        """Return linear parameters, then shape values, from values in the order of `physical`."""
+        found = []
+        for row in self.unmixing:
+            added, removed = (
+                [v for k, v in zip(row, physical, strict=True) if k == sign] for sign in (1, -1)
+            )
+            found.append(reduce(algebra.sub, removed, reduce(algebra.add, added)))
+        return found
 
     @property
     def unmixing(self) -> tuple[tuple[int, ...], ...]:

@@ -39,7 +39,7 @@ def test_friction_with_a_memory(tmp_path, monkeypatch, capsys):
     assert lines[0] == str(names["equations"].steady)
     assert lines[1].startswith(r"\dot z = ")
     assert lines[2] == "True"
-    assert np.abs(names["torque"]).max() < 15.0 + 25.0 * 0.02 + 100.0 * 0.02
+    assert np.abs(names["torque"]).max() < 15.0 + 60.0 * 0.02 + 100.0 * 0.02
 
 
 def test_every_picture_of_the_gallery_is_drawn_by_the_lines_above_it(tmp_path, monkeypatch):

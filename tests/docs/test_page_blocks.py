@@ -12,11 +12,11 @@ import pytest
 import symid
 from benchmarks.friction_rig import Rig, RigOptions, SpringDrive, simulate_friction_rig
 from symid.codegen.c_library import generate_friction_state
-from symid.joint_models.dynamic_friction import get_dynamic_law
+from symid.joint_models import get_law
 from symid.robot.toml_reader import parse_robot
 from tests.docs.test_page_commands import FROZEN, SCENES
 from tests.pages import DOCS, ELSEWHERE, find_elsewhere, list_blocks, list_pages
-from tests.recovery.test_friction_dynamic import build_samples
+from tests.recovery.test_friction_dynamic import LUGRE, build_samples
 from tests.transcripts import run_step
 
 HERE = {
@@ -70,14 +70,13 @@ def test_c_for_springs_with_branches(tmp_path, c_compiler):
 
 
 def test_c_and_a_fit_for_friction_with_a_memory(tmp_path, c_compiler, capsys):
-    law = get_dynamic_law("lugre")
+    law = get_law("lugre")
     for name, text in generate_friction_state(law, precision="double"):
         (tmp_path / name).write_text(text, "utf-8")
     lines = find_block("friction_dynamic.md", "symid_friction_lugre_init")
     compile_lines(c_compiler, tmp_path, '#include "symid_friction_lugre.h"', lines, "double velocity")
-    values = (1e4, 100.0, 10.0, 15.0, 0.01, 2.0, 25.0)
     motion = SpringDrive(stiffness=2000.0, speed=0.02)
-    run = simulate_friction_rig(Rig(law=law, values=values, mass=1.0), motion, RigOptions(duration=2.0))
+    run = simulate_friction_rig(Rig(values=LUGRE, mass=1.0), motion, RigOptions(duration=2.0))
     names = {"law": law, "samples": build_samples(run, 1)}
     exec(find_block("friction_dynamic.md", "fit_friction(samples"), names)  # noqa: S102  the page's own example
     assert capsys.readouterr().out.startswith("[('")

@@ -17,100 +17,55 @@ from benchmarks.friction_rig import (
     SpringDrive,
     simulate_friction_rig,
 )
-from symid.joint_models import dynamic_friction
-from symid.joint_models.carriers import build_float_carrier
-from tests.state_laws import find_rate, find_torque, give_values, take_step
+from symid.joint_models import (
+    advance_memory,
+    build_float_carrier,
+    build_memory_values,
+    get_law,
+    is_passive,
+    simulate_dynamic_friction,
+)
+from tests.state_laws import STATES, find_rate, find_torque, give_values, print_values, take_step
 
-DAHL, LUGRE = dynamic_friction.get_dynamic_law("dahl"), dynamic_friction.get_dynamic_law("lugre")
-FLOATS = build_float_carrier()
+NAMES = ("sigma0", "sigma1", "fC", "fS", "vs", "gamma", "fV")
 STIFF = 1e5
 # The paper's own example: mass 1, sigma1 = sqrt(sigma0), static friction half more than Coulomb.
-PAPER = (STIFF, math.sqrt(STIFF), 1.0, 1.5, 0.001, 2.0, 0.4)
+PAPER = dict(zip(NAMES, (STIFF, math.sqrt(STIFF), 1.0, 1.5, 0.001, 2.0, 0.4), strict=True))
 
 
-def simulate(values, drive, *, law=LUGRE, mass=1.0, **options):
-    return simulate_friction_rig(Rig(law=law, values=values, mass=mass), drive, RigOptions(**options))
-
-
-def find_loop(law, values, amplitude, *, period, count, cycles=3):
-    """Return position and torque over the last of some cycles of a sine."""
-    phase = 2.0 * np.pi * np.arange(cycles * count + 1) / count
-    position = amplitude * np.sin(phase)
-    step = period / count
-    run = dynamic_friction.simulate_dynamic_friction(
-        law, values, dynamic_friction.build_held_path(np.diff(position) / step, step)
-    )
-    return position[-count - 1 :], run.torque[-count - 1 :]
-
-
-@pytest.mark.parametrize("velocity", [-0.4, -0.002, 1e-4, 0.03])
-def test_the_step_is_the_integral_of_the_rate(velocity):
-    values = (1e4, 80.0, 10.0, 15.0, 0.02, 1.7, 4.0)
-    for law, own in ((LUGRE, values), (DAHL, values[:1] + values[2:3])):
-
-        def rate(_t, z, law=law, own=own):
-            return [dynamic_friction.compute_bristle_rate(FLOATS, law, velocity, float(z[0]), own)]
-
-        solved = solve_ivp(rate, (0.0, 0.05), [2e-4], method="Radau", rtol=1e-11, atol=1e-16)
-        after, _ = dynamic_friction.compute_bristle_step(FLOATS, law, (velocity, 0.05), 2e-4, own)
-        assert after == pytest.approx(solved.y[0, -1], rel=1e-8)
+def simulate(values, drive, *, mass=1.0, **options):
+    return simulate_friction_rig(Rig(values=values, mass=mass), drive, RigOptions(**options))
 
 
 @pytest.mark.parametrize("law", ["dahl", "lugre", "lugre+offset"])
 def test_the_step_that_all_targets_equal_is_the_solution_of_the_bristle_equation(law):
-    p = give_values(law)
+    p, values = give_values(law), build_memory_values(get_law(law), print_values(law))
     for v, z0 in ((0.003, 0.0), (0.2, -1e-4), (-0.04, 1.5e-4)):
         rate = lambda _t, z, v=v: [find_rate(p, v, z[0])]  # noqa: E731
         after = solve_ivp(rate, (0, 5e-3), [z0], "Radau", rtol=1e-11, atol=1e-16).y[:, -1]
-        torque, (z,) = take_step(p, v, 5e-3, [z0])
-        assert (z, torque) == pytest.approx((after[0], find_torque(p, v, after)), rel=1e-8, abs=1e-13)
-
-
-@pytest.mark.parametrize("velocity", [-1.0, -0.02, 1e-3, 0.2])
-def test_steady_motion_is_the_static_law(velocity):
-    stiffness, damping, coulomb, static, speed, exponent, viscous = values = (2e4, 90.0, 10.0, 15, 0.02, 2, 4)
-    state = 0.0
-    for _ in range(40):
-        state, torque = dynamic_friction.compute_bristle_step(FLOATS, LUGRE, (velocity, 10.0), state, values)
-    fall = math.exp(-((abs(velocity) / speed) ** exponent))
-    law = math.copysign(coulomb + (static - coulomb) * fall, velocity) + viscous * velocity
-    assert torque == pytest.approx(law, rel=1e-12)
-    assert dynamic_friction.compute_steady_torque(FLOATS, LUGRE, velocity, values) == pytest.approx(
-        law, rel=1e-14
-    )
-    assert state == pytest.approx((law - viscous * velocity) / stiffness, rel=1e-12)
-    assert damping > 0
+        wanted = pytest.approx((after[0], find_torque(p, v, after)), rel=1e-8, abs=1e-13)
+        for torque, (z,) in (
+            take_step(p, v, 5e-3, [z0]),
+            advance_memory(build_float_carrier(), values, v, 5e-3 * v, [z0]),
+        ):
+            assert (z, torque) == wanted
 
 
 @pytest.mark.parametrize(("reach", "period"), [(0.1, 1.0), (1.0, 1e-3), (5.0, 1.0)])
 def test_dahls_loop_has_its_height_and_its_area(reach, period):
     # From reversal to reversal F = fC - (fC + Fm) exp(-sigma0 (x + A) / fC), closed for
     # Fm = fC tanh(sigma0 A / fC); the area is 4 fC (A - Fm / sigma0).
-    stiffness, level = values = (2e4, 7.0)
+    stiffness, level, count = 2e4, 7.0, 10_000
     amplitude = reach * level / stiffness
-    cycles = math.ceil(5.0 / reach) + 1
-    position, torque = find_loop(DAHL, values, amplitude, period=period, count=10_000, cycles=cycles)
     height = level * math.tanh(stiffness * amplitude / level)
-    assert np.abs(torque).max() == pytest.approx(height, rel=1e-6)
-    area = float(np.sum(0.5 * (torque[1:] + torque[:-1]) * np.diff(position)))
+    way = np.diff(-amplitude * np.cos(2.0 * np.pi * np.arange(count + 1) / count))
+    values = build_memory_values(get_law("dahl"), {"sigma0": stiffness, "fC": level, "fV": 0.0})
+    torque, _ = simulate_dynamic_friction(values, way * count / period, way, [-height / stiffness])
+    travelled = np.cumsum(np.abs(way)).reshape(2, -1)
+    rising = level - (level + height) * np.exp(-stiffness * travelled[0] / level)
+    np.testing.assert_allclose(torque, np.concatenate([rising, -rising]), atol=1e-10 * level)
+    area = float(0.5 * (torque + np.roll(torque, 1)) @ way)
     assert area == pytest.approx(4.0 * level * (amplitude - height / stiffness), rel=1e-6)
-    middle, reach = len(position) // 2, len(position) // 8
-    falling = slice(middle - reach, middle + reach)
-    assert np.diff(position[falling]).mean() <= 0
-    down = -level + (level + height) * np.exp(-stiffness * (amplitude - position[falling]) / level)
-    np.testing.assert_allclose(torque[falling], down, atol=1e-5 * level)
-
-
-def test_a_mass_on_bristles_swings_as_a_damped_oscillator():
-    stiffness, damping, *_, viscous = values = (1e5, 30.0, 1.0, 1.5, 0.001, 2.0, 0.4)
-    speed = 1e-7
-    options = {"duration": 0.1, "rate": 5000.0, "velocity": speed, "tolerance": 1e-12}
-    run = simulate(values, ForceDrive(force=lambda _t: 0.0), mass=2.0, **options)
-    decay = (damping + viscous) / 4.0
-    omega = math.sqrt(stiffness / 2.0 - decay**2)
-    wanted = speed / omega * np.exp(-decay * run.time) * np.sin(omega * run.time)
-    # What slips is a part z / (g / sigma0) of the way, 3e-5 here, and adds up.
-    np.testing.assert_allclose(run.position, wanted, rtol=0, atol=2e-4 * np.abs(wanted).max())
 
 
 RATES = (0.01, 0.1, 1.0, 10.0)
@@ -148,7 +103,7 @@ def test_presliding_under_a_slow_force_bends_as_the_logarithm(pushed):
 def test_stick_slip_has_the_period_and_the_amplitude_of_the_closed_form(stiffness):
     # Sticks until k u = fS, slips on fC: u swings about fC / k, the force comes down to 2 fC - fS.
     spring, speed, mass, coulomb, static = 2.0, 0.01, 1.0, 1.0, 1.5
-    values = (stiffness, 0.3 * math.sqrt(stiffness), coulomb, static, 0.001, 2.0, 0.0)
+    values = PAPER | {"sigma0": stiffness, "sigma1": 0.3 * math.sqrt(stiffness), "fV": 0.0}
     omega = math.sqrt(spring / mass)
     jump = (static - coulomb) / spring
     slip = 2.0 / omega * (math.pi - math.atan(jump * omega / speed))
@@ -168,7 +123,7 @@ def test_stick_slip_has_the_period_and_the_amplitude_of_the_closed_form(stiffnes
 
 
 def test_a_pulled_mass_slips_steadily_where_friction_does_not_fall():
-    values = (STIFF, 300.0, 1.0, 1.0, 0.001, 2.0, 0.4)
+    values = PAPER | {"sigma1": 300.0, "fS": 1.0}
     run = simulate(values, SpringDrive(stiffness=2.0, speed=0.01), duration=120.0, rate=50.0)
     late = run.time > 90.0
     np.testing.assert_allclose(run.velocity[late], 0.01, rtol=1e-3)
@@ -176,9 +131,8 @@ def test_a_pulled_mass_slips_steadily_where_friction_does_not_fall():
 
 
 def find_hunting(static):
-    values = (*PAPER[:3], static, *PAPER[4:])
     control = PositionControl(proportional=3.0, integral=4.0, derivative=6.0, target=lambda _t: 1.0)
-    return simulate(values, control, duration=150.0, rate=50.0)
+    return simulate(PAPER | {"fS": static}, control, duration=150.0, rate=50.0)
 
 
 def test_integral_control_hunts_where_static_friction_is_more_and_only_there():
@@ -199,37 +153,29 @@ def find_balance(run):
     assert np.abs(gap).max() < 1e-6 * max(np.abs(run.work).max(), run.energy.max())
 
 
-def test_a_driven_mass_moves_as_an_implicit_solver_says():
-    stiffness, damping, coulomb, static, speed, exponent, viscous = values = (1e4, 50, 1, 1.5, 0.01, 2, 0.4)
+@pytest.mark.parametrize("law", ["dahl", "lugre"])
+def test_a_driven_mass_moves_as_an_implicit_solver_says_and_the_law_gives_its_friction(law):
+    p, printed = give_values(law), print_values(law)
 
     def force(time):
-        return 1.4 * math.sin(2.0 * time) + 0.8 * math.sin(9.0 * time)
+        return 3.5 * math.sin(2.0 * time) + 2.0 * math.sin(9.0 * time)
 
     def slope(time, y):
         _, v, z = y
-        level = coulomb + (static - coulomb) * math.exp(-((abs(v) / speed) ** exponent))
-        rate = v - stiffness * abs(v) / level * z
-        return [v, force(time) - stiffness * z - damping * rate - viscous * v, rate]
+        return [v, force(time) - find_torque(p, v, [z]), find_rate(p, v, z)]
 
-    run = simulate(values, ForceDrive(force=force), duration=2.0, rate=100.0, tolerance=1e-11)
+    run = simulate(printed, ForceDrive(force=force), duration=2.0, rate=5000.0, tolerance=1e-11)
     exact = solve_ivp(slope, (0.0, 2.0), np.zeros(3), "Radau", run.time, rtol=1e-8, atol=1e-12).y[0]
     np.testing.assert_allclose(run.position, exact, atol=1e-5 * np.abs(exact).max())
-
-
-def test_storage_and_loss_of_a_held_step_make_up_the_work():
-    # Dahl from straight bristles: F = fC (1 - exp(-sigma0 x / fC)), whose integral is the work.
-    stiffness, level = values = (2e4, 7.0)
-    options = {"duration": 0.4, "rate": 1000.0, "velocity": 1e-3}
-    drive = SpringDrive(stiffness=1e9, damping=1e5, speed=1e-3)
-    run = simulate(values, drive, law=DAHL, mass=1e-3, **options)
-    work = level * (4e-4 + level / stiffness * math.expm1(-stiffness * 4e-4 / level))
-    assert run.loss[-1] + 0.5 * stiffness * run.deflection[-1] ** 2 == pytest.approx(work, rel=1e-3)
-    find_balance(run)
+    ways = np.diff(run.position, prepend=0.0)
+    torque, z = simulate_dynamic_friction(build_memory_values(get_law(law), printed), run.velocity, ways)
+    for found, wanted in ((torque, run.friction), (z[:, 0], run.deflection)):
+        np.testing.assert_allclose(found, wanted, atol=2e-3 * np.abs(wanted).max())
 
 
 def test_a_passive_law_never_gives_energy_back():
-    values = (1e4, 80.0, 10.0, 15.0, 0.02, 1.7, 40.0)
-    assert dynamic_friction.is_passive(LUGRE, values)
+    values = dict(zip(NAMES, (1e4, 80.0, 10.0, 15.0, 0.02, 1.7, 40.0), strict=True))
+    assert is_passive(build_memory_values(get_law("lugre"), values))
     drive = ForceDrive(
         force=lambda t: 25.0 * math.sin(7.0 * t) * math.sin(1.3 * t) + 3.0 * math.sin(90.0 * t)
     )
@@ -238,19 +184,13 @@ def test_a_passive_law_never_gives_energy_back():
     assert np.diff(run.loss).min() > -1e-9 * run.loss[-1]
 
 
-@pytest.mark.parametrize("law", [DAHL, LUGRE], ids=["dahl", "lugre"])
+@pytest.mark.parametrize("law", STATES)
 def test_any_closed_way_costs_energy(law):
-    values = (1e4, 10.0) if law is DAHL else (1e4, 20.0, 10.0, 15.0, 0.02, 2.0, 10.0)
-    generator = np.random.default_rng(3)
-    for _ in range(10):
+    values = build_memory_values(get_law(law), print_values(law))
+    generator, time = np.random.default_rng(3), np.arange(3 * 4000 + 1) / 4000
+    for _ in range(5):
         weights, phases = generator.normal(size=5), generator.uniform(0, 2 * np.pi, 5)
-        time = np.arange(3 * 4000 + 1) / 4000
-        position = 1e-3 * sum(
-            w * np.sin(2 * np.pi * (k + 1) * time + p)
-            for k, (w, p) in enumerate(zip(weights, phases, strict=True))
-        )
-        run = dynamic_friction.simulate_dynamic_friction(
-            law, values, dynamic_friction.build_held_path(np.diff(position) * 4000, 1 / 4000)
-        )
-        work = run.torque * np.diff(position)
-        assert work[-4000:].sum() > 0
+        waves = np.sin(2 * np.pi * np.outer(time, np.arange(1, 6)) + phases)
+        ways = np.diff(1e-3 * waves @ weights)
+        torque, _ = simulate_dynamic_friction(values, ways * 4000, ways)
+        assert (torque * ways)[-4000:].sum() > 0

@@ -14,7 +14,7 @@ from symid.codegen.printing import write_literal
 from symid.codegen.python_targets import generate_casadi_target, generate_python_module
 from symid.codegen.source_text import read_template_bytes, write_template
 from symid.errors import GenerationError, UsageError
-from symid.joint_models import Elasticity, FrictionValues, Relaxation, get_dynamic_law
+from symid.joint_models import Elasticity, FrictionValues, Relaxation, get_law
 from symid.options import GenerateOptions
 from symid.robot import load_robot
 from tests.refusals import raises
@@ -41,7 +41,7 @@ def test_every_template_is_written_by_a_target(monkeypatch):
     generate_c_library(remembering, options)
     generate_python_module(remembering, GenerateOptions(states=3))
     generate_casadi_target(functions, GenerateOptions(states=3))
-    generate_friction_state(get_dynamic_law("lugre"))
+    generate_friction_state(get_law("lugre"))
     write_external(build_functions(robot), "inverse_dynamics")
     write_python_call(functions.card, "symid_x")
     for target in ("c", "python", "casadi"):
