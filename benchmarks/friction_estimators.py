@@ -1,4 +1,4 @@
-"""All estimators of friction on the same samples: objective, evaluations, linear solves, time.
+"""Estimators of friction and searches of a paper on the same samples: objective, evaluations, solves, time.
 
 Protocol S1 (plain Stribeck friction, one direction, four unknowns) and S2 (improved Stribeck friction, both
 directions, six unknowns), the same draws for all. Run: PYTHONPATH=. python benchmarks/friction_estimators.py
@@ -12,8 +12,8 @@ import time
 import numpy as np
 
 from symid.errors import UsageError
-from symid.identification.friction.estimators import ESTIMATORS, search_friction
-from symid.identification.friction.problem import FrictionOptions, build_problem
+from symid.identification.friction import FrictionOptions, build_problem
+from symid.study.friction_protocols import ESTIMATORS, search_friction
 from tests.frictions import draw_s1, draw_s2
 
 DRAWS = 5
@@ -24,7 +24,7 @@ def measure(problem, estimator, seed):
     """Return the search and its CPU time in s."""
     generator = np.random.default_rng(seed)
     start = time.process_time()
-    search = search_friction(problem, estimator=estimator, options=OPTIONS, generator=generator)
+    search = search_friction(problem, estimator, generator)
     return search, time.process_time() - start
 
 

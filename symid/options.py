@@ -456,8 +456,8 @@ class RigidOptions(Options):
     estimator: str | None = _method(
         None,
         "Estimator of the parameters: ols, wls, filtered-instrumental, gls, huber, ridge, consistent, "
-        "sequential, output-error or instrumental; with --rows friction varpro, root-finding, nlp, genetic "
-        "or annealing.  [default: chosen from the logs, varpro]",
+        "sequential, output-error or instrumental; with --rows friction varpro or nlp.  "
+        "[default: chosen from the logs, varpro]",
         TEXT,
         "NAME",
     )

@@ -2,9 +2,11 @@
 
 import numpy as np
 
-from symid.identification.friction.joint_fit import FrictionSamples
+from symid.identification.friction import FrictionOptions, build_estimate, build_problem
+from symid.identification.friction.joint_fit import FrictionEstimate, FrictionSamples
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import FrictionLaw, compute_friction_torque
+from symid.study.friction_protocols import search_friction
 
 # fC, fS, vs, fV: hybrid row of Table 1, Zhang, Hu and Zou (2021).
 TABLE_1 = (10.76, 19.68, 0.0385, 24.04)
@@ -42,6 +44,14 @@ def draw_samples(
     torque = torque + noise * np.random.default_rng(seed).standard_normal(count)
     given = {"extra": np.zeros((count, 0)), **given}
     return FrictionSamples(joint="1", time=1e-3 * np.arange(count), velocity=velocity, torque=torque, **given)
+
+
+def fit_by(samples: FrictionSamples, law: FrictionLaw, estimator: str, seed: int = 0) -> FrictionEstimate:
+    """Return the fit by an estimator of the study."""
+    problem = build_problem(samples, law, FrictionOptions())
+    return build_estimate(
+        problem, search_friction(problem, estimator, np.random.default_rng(seed)), estimator
+    )
 
 
 def build_cosines(*peaks: float, count: int = 1000) -> np.ndarray:

@@ -213,7 +213,6 @@ class RobotModel(RobotDynamics):
         known: "Fit | RobotModel | str | PathLike[str] | None" = None,
         smoothing: float | None = None,
         period: float | Sequence[float] | None = None,
-        seed: int | None = None,
         friction: str | None = None,
         settings: api_logs.Settings | None = None,
         options: identification.LawOptions | None = None,
@@ -224,7 +223,7 @@ class RobotModel(RobotDynamics):
         or "auto" (the default): chosen on held-out data; or laws of single joints by name, chosen for the
         others. `known` are base parameters to subtract: a fit or its file, or a robot with values (such as
         those of CAD) or its file, .toml, .urdf or .xml; otherwise the rigid part is fitted too, with the law
-        `friction` in place of the robot file's. `estimator`, `smoothing`, `period` and `seed` are those of
+        `friction` in place of the robot file's. `estimator`, `smoothing` and `period` are those of
         `symid.LawOptions`, of which `options` has all; these arguments take precedence.
 
         Raises:
@@ -235,7 +234,7 @@ class RobotModel(RobotDynamics):
             SolverError: a search ended without usable numbers.
         """
         given: dict[str, object] = {"model": model, "estimator": estimator, "known": known}
-        given |= {"friction": friction, "smoothing": smoothing, "period": period, "seed": seed}
+        given |= {"friction": friction, "smoothing": smoothing, "period": period}
         order = merge(options, identification.LawOptions(), **given)
         parts = self._gather(logs, api_logs.list_pairs(settings, order), order.friction, train)
         found = identification.identify_robot_friction(*parts, order, self.context)

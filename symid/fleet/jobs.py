@@ -273,8 +273,7 @@ def spawn_jobs(
 ) -> tuple[FleetJob, ...]:
     """Return the jobs with every choice of rows, estimator and friction, `repeats` times with other seeds.
 
-    What a job states itself stays. A job gets seeds if there are several repeats, if its log is simulated,
-    or if its rows are "friction", whose searches draw numbers.
+    What a job states itself stays. A job gets seeds if there are several repeats, or if its log is simulated.
     """
     found = []
     for job in jobs:
@@ -283,7 +282,7 @@ def spawn_jobs(
                 key: getattr(job, key) or word for key, word in zip(_WORDS, choice, strict=True)
             }
             made = replace(job, **stated)
-            if made.seed is not None or (repeats == 1 and not made.simulate and made.rows != "friction"):
+            if made.seed is not None or (repeats == 1 and not made.simulate):
                 found.append(made)
                 continue
             digest = compute_signature(made)

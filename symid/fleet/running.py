@@ -150,7 +150,7 @@ def _identify(job: FleetJob, folder: Path) -> Fit:
         logs = model.simulate(trajectory, options=options).log
     common: Any = {"estimator": job.estimator, "settings": job.settings or None}
     if job.rows == "friction":
-        return model.identify_friction(logs, model=job.friction, seed=job.seed, **common)
+        return model.identify_friction(logs, model=job.friction, **common)
     return model.identify(logs, rows=job.rows, friction=job.friction, **common)
 
 

@@ -341,11 +341,10 @@ def identify_robot_friction(
         from symid.identification.identified import read_known_values
 
         beta, known = read_known_values(options.known, described, library)
-    search = options.search or frictions.FrictionOptions()
     task = frictions.FrictionTask(
         model=model,
         estimator=options.estimator or "varpro",
-        options=search if options.seed is None else replace(search, seed=options.seed),
+        options=options.search or frictions.FrictionOptions(),
         beta=beta,
         smoothing=options.smoothing or 0.0,
         periods=options.period,
@@ -362,19 +361,16 @@ def identify_robot_friction(
     found = frictions.identify_friction(
         library, measured, described.processing, task, echo=echo, progress=counted
     )
-    texts = []
-    if options.seed is not None and found.estimator not in frictions.STOCHASTIC:
-        stochastic = ", ".join(sorted(frictions.STOCHASTIC))
-        texts.append(f"--seed is not used: {found.estimator} is deterministic; stochastic are {stochastic}")
+    unused = []
     estimates = [joint.estimate for joint in found.joints]
     beside = {entry.name for estimate in estimates for entry in estimate.extra}
     beside |= {name for estimate in estimates for name, _ in estimate.refused}
     if options.friction and not beside & {entry.name for entry in library.card.friction}:
-        texts.append(
+        text = (
             "--friction is not used: no joint's friction acts on another here; --model chooses the law of a "
             "joint's own friction"
         )
-    unused = [Notice(code="friction.unused-option", text=text) for text in texts]
+        unused.append(Notice(code="friction.unused-option", text=text))
     if options.known is not None and any(regression.list_measured_joints(measured)):
         text = (
             "the loads that joint-torque sensors measured are not used, because base parameters were given; "

@@ -174,9 +174,6 @@ class LawOptions(Options):
         code="usage.friction-smoothing",
     )
     period: tuple[float, ...] = share(RigidOptions, "period")
-    seed: int | None = option(
-        None, "With --rows friction: random seed of a stochastic estimator.", METHOD, whole(), "N"
-    )
     friction: str | None = inner(
         None, "The friction model of all joints in the rigid part, in place of the robot file's."
     )
@@ -184,4 +181,4 @@ class LawOptions(Options):
     decimate: int | None = share(IdentifyOptions, "decimate")
     drop_first: int | None = share(IdentifyOptions, "drop_first")
     drop_last: int | None = share(IdentifyOptions, "drop_last")
-    search: "FrictionOptions | None" = inner(None, "All options of the estimators; `seed` wins over theirs.")
+    search: "FrictionOptions | None" = inner(None, "All options of the estimators.")

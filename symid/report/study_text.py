@@ -105,7 +105,7 @@ def _list_agreement(found: Sequence[paper.AgreementStudy]) -> Table:
     title = f"Agreement of all estimators, {found[0].draws} draws of three motions each"
     note = (
         f"Excess: sum of squares over the least one of the draw, less one. Within: {paper.AGREEMENT:g} for "
-        f"deterministic estimators, {paper.NEARNESS:g} for {', '.join(sorted(friction.STOCHASTIC))}. "
+        f"deterministic estimators, {paper.NEARNESS:g} for {', '.join(sorted(paper.RACERS))}. "
         "Farthest: the largest error of a parameter in Cramer-Rao deviations."
     )
     return Table(header, rows, (0, 1), title, note)
@@ -502,9 +502,8 @@ def _draw_stribeck() -> Drawing:
 
 def _draw_hybrid() -> Drawing:
     """Return our hybrid algorithm as a flow chart, with its default options."""
-    options = friction.FrictionOptions()
     plain = (
-        ("end", f"{options.population} candidates an unknown,", "at random between the bounds"),
+        ("end", f"{paper.POPULATION} candidates an unknown,", "at random between the bounds"),
         ("step", "J of every candidate;", "temperature T = worst J \N{MINUS SIGN} best J"),
         ("step", "parents: the better one of two,", "drawn as often as there are candidates"),
         ("step", "a child of every parent,", "by a crossover of all candidates"),
@@ -518,7 +517,7 @@ def _draw_hybrid() -> Drawing:
             "< exp(\N{MINUS SIGN}dJ / T)? (the best: dJ < 0)",
         ),
         ("step", "the neighbour takes", "the survivor's place"),
-        ("step", f"T becomes {options.cooling:g} T"),
+        ("step", f"T becomes {paper.COOLING:g} T"),
         (
             "question",
             "(worst J \N{MINUS SIGN} best J) / best J",
@@ -537,7 +536,7 @@ def _draw_hybrid() -> Drawing:
     )
     caption = (
         "Our hybrid of a genetic algorithm with simulated annealing, `annealing`, with its default "
-        f"options; it also ends after {options.iterations} generations. Of the paper's flow chart only the "
+        f"options; it also ends after {paper.GENERATIONS} generations. Of the paper's flow chart only the "
         "caption is public, so its algorithm may differ. The genetic algorithm alone leaves out the four "
         "steps of annealing."
     )

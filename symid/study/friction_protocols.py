@@ -14,10 +14,22 @@ genetic algorithm", J. Zhejiang Univ. (Eng. Sci.) 55(5) (2021) 801-809, doi
 10.3785/j.issn.1008-973X.2021.05.001, Tables 1, 3 and 4. Synthetic data v_k = -V sin(2 pi (k + 1/2) / N): half
 a step off the grid no sample stands still, where a law without a zone would have no torque at all.
 
+Searches of the paper stand beside the estimators of `identification.friction`; all minimise the same J:
+
+    root-finding  h(s) = r(s)' dPhi/ds c(s) = -1/2 dJ/ds = 0, scanned; each root by Brent's method
+    genetic       tournament of two -> crossover of all parents -> the best of parents and children survive
+                  (our own design: the paper does not say how its works)
+    annealing     the same, then each candidate x moves to a neighbour x' if dJ < 0 or u < exp(-dJ / T), T_0 =
+                  J_max - J_min of the first generation, T_g+1 = cooling T_g; the best one never moves uphill
+                  (Metropolis et al. 1953; Kirkpatrick, Gelatt and Vecchi, Science 220 (1983) 671-680)
+
+Searches by chance keep the bounds of linear parameters, and the same generator gives the same result.
+
 Not supported: their recordings, which are not public; tuned options; refusal of parameters (all values are
 kept as they come); a limit for the gain over the original Stribeck law, which is a prediction.
 """
 
+import itertools
 import math
 import operator
 import time
@@ -27,11 +39,15 @@ from functools import partial
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
+import scipy
+from numpy.random import Generator
 
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, UsageError
 from symid.identification import friction
-from symid.joint_models import compute_friction_torque, get_law
+from symid.identification.judge import numerics
+from symid.ipopt import Ending
+from symid.joint_models import build_numpy_carrier, compute_columns, compute_friction_torque, get_law
 from symid.study.monte_carlo import run_tasks
 
 _IMPROVED = "improved-stribeck"
@@ -47,7 +63,21 @@ _BOUNDS = 3.0
 Draw: TypeAlias = tuple[friction.FrictionEstimate, ...]
 """One draw of the noise: the fits of several estimators."""
 RACERS = ("genetic", "annealing")
-"""The genetic algorithm and its hybrid with simulated annealing, of Table 2."""
+"""The genetic algorithm and its hybrid with simulated annealing, of Table 2: searches by chance."""
+ESTIMATORS = ("varpro", "root-finding", "nlp", *RACERS)
+POPULATION = 16
+"""Candidates per unknown of a search by chance."""
+GENERATIONS = 400
+"""Of a search by chance, at most."""
+COOLING = 0.6
+"""Of the temperature per generation; 0.95 takes half as many generations again."""
+_WIDTH, _STEP = 0.95, 0.8
+"""Of the crossover, and of a step to a neighbour, in standard deviations of all candidates; below 0.8 the
+first converges too soon."""
+_REACH = 3.0
+"""Searches by chance try linear parameters up to those whose columns alone would reach so many times the
+largest torque."""
+_OPTIONS = friction.FrictionOptions()
 RECOVERY_SAMPLES = 1000
 """Of each of its cosines."""
 NOT_IDENTIFIABLE = 0.5
@@ -254,13 +284,160 @@ def build_sweep_scene(sweep: Sweep) -> FrictionScene:
     return FrictionScene("1", row.law, row.values, velocity, math.sqrt(row.objective / count))
 
 
+def search_by_roots(
+    problem: friction.FrictionProblem, options: friction.FrictionOptions
+) -> friction.FrictionSearch:
+    """Return the stationary point of least objective, of one shape value and motion in one direction."""
+    free, mistakes = np.flatnonzero(problem.is_free), []
+    if len(free) != 1:
+        mistakes.append(f"one free shape value; law {problem.law.name!r} has {len(free)} here")
+    if not friction.is_one_sided(problem.samples.rows.velocity):
+        mistakes.append("motion in one direction; these samples have both")
+    if mistakes:
+        texts = (f"root finding needs {text}: use the estimator 'varpro'" for text in mistakes)
+        raise UsageError(*(Notice(code="usage.root-finding", text=text) for text in texts))
+    place = int(free[0])
+    projector = friction.Projector(problem, np.iinfo(np.int64).max)
+    ends = problem.box
+    kept: dict[float, tuple[float, friction.Projection]] = {}
+
+    def compute_slope(coordinate: float) -> float:
+        if coordinate not in kept:
+            z = np.array(ends[0])
+            z[place] = coordinate
+            state = projector.project(z)
+            slope = float(-(projector.compute_jacobian(state)[:, place] @ state.residual))
+            kept[coordinate] = slope, state
+        return kept[coordinate][0]
+
+    scan = np.linspace(ends[0][place], ends[1][place], options.solves).tolist()
+    slopes = list(map(compute_slope, scan))
+    projector.record(*(state for _, state in kept.values()))
+    roots = 0
+    for (left, before), (right, after) in itertools.pairwise(zip(scan, slopes, strict=True)):
+        if before * after < 0.0:
+            root = scipy.optimize.brentq(compute_slope, left, right, xtol=options.tolerance, rtol=1e-14)
+            compute_slope(root)
+            roots += 1
+            projector.record(kept[root][1])
+    best = min((state for _, state in kept.values()), key=lambda state: state.objective)
+    ended = f"{roots} roots were found, the best is kept" if roots else "the slope never changes its sign"
+    outcome = Ending.CONVERGED if roots else Ending.STALLED
+    return projector.build_search(best, outcome, ended, points=options.solves, roots=roots)
+
+
+def compute_objectives(
+    problem: friction.FrictionProblem, linear: FloatArray, shape: FloatArray
+) -> FloatArray:
+    """Return J of many candidates, linear (P, p) and shape (P, s): (P,); nothing acts beside friction."""
+    # What caches hold: up to five times faster.
+    chunk, totals = max(1, numerics.BLOCK // problem.samples.count), []
+    inputs = {name: values[None, :] for name, values in problem.samples.inputs.items()}
+    for begin in range(0, len(linear), chunk):
+        factors, values = linear[begin : begin + chunk], shape[begin : begin + chunk]
+        lifted = [values[:, place, None] for place in range(values.shape[1])]
+        errors = np.zeros((len(factors), problem.samples.count))
+        for place, column in enumerate(problem.law.columns(build_numpy_carrier(), inputs, lifted)):
+            errors += factors[:, place, None] * column
+        errors -= problem.target
+        totals.append(np.einsum("pm,pm->p", errors, errors))
+    return np.concatenate(totals)
+
+
+def draw_children(genes: FloatArray, parents: FloatArray, width: float, generator: Generator) -> FloatArray:
+    """Return a child of each parent (P, d) by a crossover of all genes (P, d), mirrored at the box's ends."""
+    # parent + width / sqrt(P) sum_k w_k (x_k - mean), w_k standard normal, follows valleys in any direction.
+    count = len(genes)
+    weights = generator.standard_normal((len(parents), count)) * (width / np.sqrt(count))
+    children = np.abs(parents + weights @ (genes - np.mean(genes, axis=0)))
+    return np.asarray(1.0 - np.abs(1.0 - np.clip(children, 0.0, 2.0)))
+
+
+def _list_linear_bounds(problem: friction.FrictionProblem) -> tuple[FloatArray, FloatArray]:
+    """Return the bounds (p,) of linear parameters in a search by chance."""
+    low, high, samples, law = problem.low, problem.high, problem.samples, problem.law
+    middle = np.where(low > 0.0, np.sqrt(np.abs(low * high)), 0.5 * (low + high))
+    reach = np.max(np.abs(compute_columns(law, samples.inputs, middle.tolist())), axis=0)
+    size = _REACH * float(np.max(np.abs(samples.torque))) / np.where(reach > 0.0, reach, 1.0)
+    lower, upper = np.array([(entry.lower, entry.upper) for entry in law.linear]).T
+    return np.maximum(lower, -size), np.minimum(upper, size)
+
+
+def search_by_population(
+    problem: friction.FrictionProblem, generator: Generator, *, anneal: bool, generations: int = GENERATIONS
+) -> friction.FrictionSearch:
+    """Return the best candidate of the genetic algorithm, or of its hybrid with annealing."""
+    # Candidates are points of a unit box: linear parameters, then the coordinates of free shape values.
+    free, (fixed, highest), count = np.flatnonzero(problem.is_free), problem.box, len(problem.law.linear)
+    lower, upper = _list_linear_bounds(problem)
+    low, high = np.concatenate([lower, fixed[free]]), np.concatenate([upper, highest[free]])
+
+    def express(genes: FloatArray) -> tuple[FloatArray, FloatArray]:
+        values, z = low + np.clip(genes, 0.0, 1.0) * (high - low), np.tile(fixed, (len(genes), 1))
+        z[:, free] = values[:, count:]
+        return values[:, :count], problem.decode(z)
+
+    genes = generator.random((POPULATION * len(low), len(low)))
+    objectives = compute_objectives(problem, *express(genes))
+    history, converged = [float(np.min(objectives))], False
+    temperature = float(np.max(objectives)) - history[0]
+    while not converged and len(history) <= generations:
+        # The better one of two drawn at random; then the best of parents and children, the best first.
+        first, second = generator.integers(len(genes), size=(2, len(genes)))
+        parents = genes[np.where(objectives[first] <= objectives[second], first, second)]
+        children = draw_children(genes, parents, _WIDTH, generator)
+        genes = np.vstack([genes, children])
+        objectives = np.concatenate([objectives, compute_objectives(problem, *express(children))])
+        kept = np.argsort(objectives, kind="stable")[: len(children)]
+        genes, objectives = genes[kept], objectives[kept]
+        if anneal:
+            neighbours = draw_children(genes, genes, _STEP, generator)
+            reached = compute_objectives(problem, *express(neighbours))
+            rise = reached - objectives
+            chance = np.exp(-np.maximum(rise, 0.0) / max(temperature, numerics.TINY))
+            accepted = generator.random(len(genes)) < chance
+            # Survivors stand in order: the first is the best.
+            accepted[0] = rise[0] < 0.0
+            genes = np.where(accepted[:, None], neighbours, genes)
+            objectives = np.where(accepted, reached, objectives)
+            temperature *= COOLING
+        least, most = float(np.min(objectives)), float(np.max(objectives))
+        history.append(least)
+        converged = most - least <= numerics.CONVERGED * least
+    best, passed = int(np.argmin(objectives)), len(history) - 1
+    linear, shape = (tuple(values[0].tolist()) for values in express(genes[None, best]))
+    spread = f"the relative spread of the candidates' objectives fell below {numerics.CONVERGED:g}"
+    ended = (Ending.STAGNATED, spread) if converged else (Ending.LIMIT, f"{generations} generations passed")
+    evaluations = len(genes) * (1 + passed * (2 if anneal else 1))
+    counts, settings = (evaluations, 0, passed), (("population", len(genes)),)
+    return friction.FrictionSearch(
+        linear, shape, float(objectives[best]), *counts, tuple(history), *ended, settings
+    )
+
+
+def search_friction(
+    problem: friction.FrictionProblem, estimator: str, generator: Generator
+) -> friction.FrictionSearch:
+    """Return the end of the search of one of `ESTIMATORS`; `generator` is that of a search by chance.
+
+    A UsageError: root finding of more than one shape value, or of both directions.
+    """
+    if estimator in RACERS:
+        return search_by_population(problem, generator, anneal=estimator == RACERS[1])
+    search = friction.SEARCHES.get(estimator, search_by_roots)
+    return search(problem, _OPTIONS)
+
+
 def fit_estimators(scene: FrictionScene, seed: int, estimators: Sequence[str] = ()) -> Draw:
     """Return what estimators, without any named all of them, find for a seed's draw of a scene."""
     samples, law = draw_samples(scene, np.random.default_rng(seed)), get_law(scene.law)
+    problem = friction.build_problem(samples, law, _OPTIONS)
     # A search shares no number with the noise of the same seed.
     return tuple(
-        friction.fit_friction(samples, law, estimator=name, generator=np.random.default_rng((seed, 1)))
-        for name in estimators or friction.ESTIMATORS
+        friction.build_estimate(
+            problem, search_friction(problem, name, np.random.default_rng((seed, 1))), name
+        )
+        for name in estimators or ESTIMATORS
     )
 
 
@@ -272,11 +449,11 @@ def summarise_agreement(sweep: Sweep, draws: Sequence[Draw]) -> AgreementStudy:
     objectives = np.array([[found.objective for found in draw] for draw in draws])
     every_excess = objectives / np.min(objectives, axis=1, keepdims=True) - 1.0
     rows = []
-    for place, estimator in enumerate(friction.ESTIMATORS):
+    for place, estimator in enumerate(ESTIMATORS):
         excess = every_excess[:, place]
         values = [law.to_physical(draw[place].linear, draw[place].shape) for draw in draws]
         errors = np.abs(np.array(values) - np.array(scene.physical)) / bound
-        by_chance = estimator in friction.STOCHASTIC
+        by_chance = estimator in RACERS
         rows.append(
             AgreementRow(
                 estimator=estimator,
@@ -388,7 +565,7 @@ def compare_estimators(
     """
     law, runs = get_law(scene.law), []
     same = ("objective", "evaluations", "solves", "iterations", "history")
-    for estimator in friction.ESTIMATORS:
+    for estimator in ESTIMATORS:
         seconds = []
         try:
             # The first run loads packages, and any may be disturbed: the least is what it takes.
@@ -681,7 +858,7 @@ def list_checks(
         # Three deviations hold 99.7 percent of normal estimates.
         met = mean <= 3.0 and inside >= 0.97 * entry.draws if entry.draws >= _ENOUGH else None
         add(name, "mean of the draws; 97 % of them", found, met=met)
-    limit = friction.FrictionOptions().solves
+    limit = _OPTIONS.solves
     bar = f"{AGREEMENT:g} relative, {limit} linear problems at most"
     for contest in contests:
         run = next(one for one in contest.runs if one.estimator == _DEFAULT)

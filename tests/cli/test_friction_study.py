@@ -6,7 +6,7 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from symid.identification.friction.estimators import ESTIMATORS
+from symid.study.friction_protocols import ESTIMATORS
 from tests.calls import call, hear, refuse, say
 
 

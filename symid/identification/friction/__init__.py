@@ -4,10 +4,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.identification.friction.estimators import (
-        ESTIMATORS as ESTIMATORS,
-        STOCHASTIC as STOCHASTIC,
+        SEARCHES as SEARCHES,
+        build_estimate as build_estimate,
         fit_friction as fit_friction,
-        search_friction as search_friction,
     )
     from symid.identification.friction.identify import (
         AUTO as AUTO,
@@ -22,12 +21,17 @@ if TYPE_CHECKING:
     from symid.identification.friction.joint_fit import (
         FrictionEstimate as FrictionEstimate,
         FrictionSamples as FrictionSamples,
+        FrictionSearch as FrictionSearch,
         compute_cramer_rao as compute_cramer_rao,
         compute_law_sensitivities as compute_law_sensitivities,
+        is_one_sided as is_one_sided,
     )
     from symid.identification.friction.poses import CONFIDENCE as CONFIDENCE, PoseTest as PoseTest
     from symid.identification.friction.problem import (
         FrictionOptions as FrictionOptions,
+        FrictionProblem as FrictionProblem,
+        Projection as Projection,
+        Projector as Projector,
         build_problem as build_problem,
     )
 else:

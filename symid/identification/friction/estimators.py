@@ -1,4 +1,4 @@
-"""A friction law fitted to one joint by any estimator, and which of its parameters are identifiable.
+"""A friction law fitted to one joint, and which of its parameters are identifiable.
 
 FrictionSamples, FrictionLaw -> problem (one for all) -> search (the estimator) -> FrictionEstimate
 
@@ -10,9 +10,7 @@ exact optimum and its few solves.
 """
 
 import difflib
-from collections.abc import Callable
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
@@ -199,24 +197,19 @@ def list_active_bounds(
     slopes = slope @ np.array(law.unmixing, dtype=np.float64)[: len(slope)]
     variance = search.objective / max(len(problem.target) - uncertainty.rank, 1)
     places = {entry.name: place for place, entry in enumerate(law.shape)}
-    # Physical bounds where they bind, as fS >= 0, else sums of linear parameters in their box.
-    low = np.concatenate([problem.lower, problem.low])
-    high = np.concatenate([problem.upper, problem.high])
-    up, down = (part(np.array(law.mixing, dtype=np.float64), 0.0) for part in (np.maximum, np.minimum))
-    least = np.maximum([entry.lower for entry in law.physical], up @ low + down @ high)
-    most = np.minimum([entry.upper for entry in law.physical], up @ high + down @ low)
     for k, entry in enumerate(law.physical):
-        std = float(uncertainty.physical[k])
+        std, bounds = float(uncertainty.physical[k]), {"lower": entry.lower, "upper": entry.upper}
         if entry.name in places:
-            side = locate_edge(problem, search, places[entry.name])
+            place = places[entry.name]
+            side = locate_edge(problem, search, place)
+            bounds = {"lower": problem.low[place], "upper": problem.high[place]}
         elif not np.isfinite(std) or abs(slopes[k]) * std <= POLICY.relevance * variance:
             continue
-        elif slopes[k] > 0.0:
-            side = "lower" if values[k] - least[k] <= POLICY.relevance * std else ""
         else:
-            side = "upper" if most[k] - values[k] <= POLICY.relevance * std else ""
+            side = "lower" if slopes[k] > 0.0 else "upper"
+            side = side if abs(values[k] - bounds[side]) <= POLICY.relevance * std else ""
         if side:
-            bound = (least if side == "lower" else most)[k]
+            bound = bounds[side]
             held[entry.name] = f"at its {side} bound, {bound:.4g}: the optimum lies beyond"
     return held
 
@@ -231,17 +224,9 @@ def locate_edge(problem: FrictionProblem, search: FrictionSearch, place: int) ->
     return "upper" if high - z <= numerics.CONVERGED * (high - low) else ""
 
 
-_EXACT = {
-    "varpro": searches.search_by_projection,
-    "root-finding": searches.search_by_roots,
-    "nlp": searches.search_by_nlp,
-}
-_DRAWN: dict[str, Callable[..., FrictionSearch]] = {
-    "genetic": partial(searches.search_by_population, anneal=False),
-    "annealing": partial(searches.search_by_population, anneal=True),
-}
 DEFAULT_ESTIMATOR = "varpro"
-ESTIMATORS, STOCHASTIC = (*_EXACT, *_DRAWN), frozenset(_DRAWN)
+SEARCHES = {DEFAULT_ESTIMATOR: searches.search_by_projection, "nlp": searches.search_by_nlp}
+"""The estimators by name."""
 
 
 def fit_friction(
@@ -250,12 +235,10 @@ def fit_friction(
     *,
     estimator: str = DEFAULT_ESTIMATOR,
     options: FrictionOptions | None = None,
-    generator: np.random.Generator | None = None,
 ) -> FrictionEstimate:
     """Return the law's parameters and their uncertainty; those of a law with a state need positions.
 
-    `estimator` is one of `ESTIMATORS`; `generator` that of a stochastic search, by default a new one from
-    `options.seed`.
+    `estimator` is one of `SEARCHES`.
 
     Raises:
         UsageError: no such estimator, or one that cannot fit this law to these samples.
@@ -267,8 +250,7 @@ def fit_friction(
     if law.memory:
         return fit_memory(samples, law).estimate
     problem = build_problem(samples, law, options)
-    search = search_friction(problem, estimator=estimator, options=options, generator=generator)
-    return build_estimate(problem, search, estimator)
+    return build_estimate(problem, SEARCHES[estimator](problem, options), estimator)
 
 
 def check_estimator(estimator: str, law: FrictionLaw | None = None) -> None:
@@ -279,25 +261,11 @@ def check_estimator(estimator: str, law: FrictionLaw | None = None) -> None:
             f"{DEFAULT_ESTIMATOR!r}; leave these options out"
         )
         raise UsageError(Notice(code="usage.friction-state", text=text))
-    if estimator not in ESTIMATORS:
-        near = difflib.get_close_matches(estimator, ESTIMATORS, n=1, cutoff=0.4)
+    if estimator not in SEARCHES:
+        near = difflib.get_close_matches(estimator, SEARCHES, n=1, cutoff=0.4)
         hint = f"did you mean {near[0]}? " if near else ""
-        text = f"unknown estimator {estimator!r} of friction; {hint}choose one of {', '.join(ESTIMATORS)}"
+        text = f"unknown estimator {estimator!r} of friction; {hint}choose one of {', '.join(SEARCHES)}"
         raise UsageError(Notice(code="usage.friction-estimator", text=text))
-
-
-def search_friction(
-    problem: FrictionProblem,
-    *,
-    estimator: str,
-    options: FrictionOptions,
-    generator: np.random.Generator | None = None,
-) -> FrictionSearch:
-    """Return the end of the search; arguments and errors as for `fit_friction`."""
-    check_estimator(estimator)
-    if estimator in _EXACT:
-        return _EXACT[estimator](problem, options)
-    return _DRAWN[estimator](problem, options, generator or np.random.default_rng(options.seed))
 
 
 def build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator: str) -> FrictionEstimate:

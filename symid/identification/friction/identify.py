@@ -267,7 +267,6 @@ def identify_friction(
         "smoothing": task.smoothing,
         "period": task.periods or None,
         "rigid": "fitted along" if task.beta is None else "known",
-        "seed": task.options.seed,
         **({"cutoffs": logs.cutoffs} if logs.cutoffs else {}),
         **({"measured_loads": measured} if any(measured) else {}),
     }

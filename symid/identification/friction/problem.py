@@ -8,13 +8,13 @@ FrictionSamples, FrictionLaw, FrictionOptions -> FrictionProblem; shape -> Proje
     dr/ds ~ -P dPhi/ds c                          (Kaufman's Jacobian; its gradient of J is exact)
 
 y and Q_x Phi_R are the torque and the columns of the law behind R, less their projection on the columns X
-beside friction, which are eliminated once for all estimators. X may be dependent (least norm).
+beside friction, which are eliminated once for both estimators. X may be dependent (least norm).
 Not supported: bounds on the factors of X; weights of single samples.
 """
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
@@ -25,52 +25,38 @@ from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification.friction.joint_fit import FrictionSamples, FrictionSearch, compute_sensitivities
 from symid.identification.judge import numerics
 from symid.ipopt import Ending
-from symid.joint_models import FrictionLaw, build_numpy_carrier, compute_column_derivatives, compute_columns
+from symid.joint_models import FrictionLaw, compute_column_derivatives
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrictionOptions:
-    """Options of all estimators of friction.
+    """Options of the estimators of friction.
 
     Args:
         bounds: (name, (least, greatest)) of shape values; equal where a value is fixed. Default: the law's
             own bounds, for velocities those that the samples can identify.
-        reach: bounded searches try linear parameters up to the one whose column alone would reach so many
-            times the largest torque.
-        seed: of a stochastic search that is given no generator.
         starts: that are followed, of variable projection and of the constrained problem.
         solves: linear problems of variable projection at most, a third of them on a grid of shapes spaced by
-            equal factors; values of the shape that root finding scans.
-        tolerance: relative, of the shape, of a root, of Ipopt on the scaled problem.
-        iterations: of Ipopt from a start, generations of a stochastic search, at most.
-        population: candidates per unknown of a stochastic search.
-        width: of the crossover, in standard deviations of the population; below 0.8 it converges too soon.
-        step: of the neighbours in simulated annealing, in the same unit.
-        cooling: factor of the temperature per generation; 0.95 takes half as many generations again.
+            equal factors.
+        tolerance: relative, of the shape, of Ipopt on the scaled problem.
+        iterations: of Ipopt from a start, at most.
     """
 
     bounds: tuple[tuple[str, tuple[float, float]], ...] = ()
-    reach: float = 3.0
-    seed: int = 0
     starts: int = 3
     solves: int = 150
     tolerance: float = numerics.RANK
     iterations: int = 400
-    population: int = 16
-    width: float = 0.95
-    step: float = 0.8
-    cooling: float = 0.6
 
     def __post_init__(self) -> None:
         """Check all options; raises UsageError with all mistakes."""
         wrong = [(name, *pair) for name, pair in self.bounds if not -math.inf < pair[0] <= pair[1] < math.inf]
         told = "must be finite, the least first"
         mistakes = [f"bounds of {name} ({low:g}, {high:g}): {told}" for name, low, high in wrong]
-        for entry in fields(self):
-            value, part = getattr(self, entry.name), entry.name in {"tolerance", "cooling"}
-            if entry.name not in {"bounds", "seed"} and not 0 < value < (1 if part else math.inf):
-                allowed = "between 0 and 1" if part else "positive"
-                mistakes.append(f"{entry.name} {value:g}: must be {allowed}")
+        for name in ("starts", "solves", "tolerance", "iterations"):
+            value, part = getattr(self, name), name == "tolerance"
+            if not 0 < value < (1 if part else math.inf):
+                mistakes.append(f"{name} {value:g}: must be {'between 0 and 1' if part else 'positive'}")
         if mistakes:
             raise UsageError(*(Notice(code="usage.friction-option", text=text) for text in mistakes))
 
@@ -82,8 +68,7 @@ SPEED_UNITS = frozenset({"rad/s", "m/s"})
 class FrictionProblem(FrozenArrays):
     """The problem of one joint: y (M,), N m or N, and a basis (M, r) of the columns beside friction behind R.
 
-    `low` and `high` (s,) are bounds of the shape values, equal where one is fixed, `lower` and `upper` (p,)
-    of linear parameters, which only bounded searches keep.
+    `low` and `high` (s,) are bounds of the shape values, equal where one is fixed.
     """
 
     samples: FrictionSamples
@@ -92,8 +77,6 @@ class FrictionProblem(FrozenArrays):
     basis: FloatArray
     low: FloatArray
     high: FloatArray
-    lower: FloatArray
-    upper: FloatArray
 
     @property
     def is_free(self) -> NDArray[np.bool_]:
@@ -151,30 +134,9 @@ class FrictionProblem(FrozenArrays):
         below = np.zeros((len(rest), beside.parts.shape[1]))
         return np.vstack([np.hstack([inside, beside.parts]), np.hstack([rest, below])])
 
-    def compute_objectives(self, linear: FloatArray, shape: FloatArray) -> FloatArray:
-        """Return J of many candidates, linear (P, p) and shape (P, s): (P,)."""
-        # What caches hold: up to five times faster.
-        chunk, totals = max(1, numerics.BLOCK // self.samples.count), []
-        inputs = {name: values[None, :] for name, values in self.samples.inputs.items()}
-        for begin in range(0, len(linear), chunk):
-            factors, values = linear[begin : begin + chunk], shape[begin : begin + chunk]
-            lifted = [values[:, place, None] for place in range(values.shape[1])]
-            torque = np.zeros((len(factors), self.samples.count))
-            for place, column in enumerate(self.law.columns(build_numpy_carrier(), inputs, lifted)):
-                torque += factors[:, place, None] * column
-            if self.samples.reduce is not None:
-                torque = self.samples.pass_columns(np.ascontiguousarray(torque.T)).T
-            errors = torque - self.target
-            total: FloatArray = np.einsum("pm,pm->p", errors, errors)
-            if self.basis.shape[1]:
-                # |(1 - B B') e|^2 = |e|^2 - |B' e|^2, for y has no part in B.
-                total = total - np.sum((errors @ self.basis) ** 2, axis=1)
-            totals.append(np.maximum(total, 0.0))
-        return np.concatenate(totals)
-
 
 def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionOptions) -> FrictionProblem:
-    """Return the problem; `bounds` and `reach` of the options are read.
+    """Return the problem; `bounds` of the options are read.
 
     Raises:
         UsageError: the law reads an input that the samples lack, or a bound is not of a shape value.
@@ -193,20 +155,8 @@ def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionO
         text = f"joint {samples.joint!r}: {len(target)} rows are too few for {unknowns} unknowns"
         raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
     low, high = _list_bounds(law, samples, options)
-    middle = np.where(low > 0.0, np.sqrt(np.abs(low * high)), 0.5 * (low + high))
-    reach = np.max(np.abs(compute_columns(law, samples.inputs, middle.tolist())), axis=0)
-    largest = max(float(np.max(np.abs(samples.torque))), numerics.TINY)
-    size = options.reach * largest / np.where(reach > 0.0, reach, 1.0)
-    return FrictionProblem(
-        samples=samples,
-        law=law,
-        target=target - basis @ (basis.T @ target),
-        basis=basis,
-        low=low,
-        high=high,
-        lower=np.maximum([entry.lower for entry in law.linear], -size),
-        upper=np.minimum([entry.upper for entry in law.linear], size),
-    )
+    target = target - basis @ (basis.T @ target)
+    return FrictionProblem(samples=samples, law=law, target=target, basis=basis, low=low, high=high)
 
 
 def _list_bounds(

@@ -1,28 +1,20 @@
-"""Searches for the parameters of a friction law: variable projection, roots, and all values between bounds.
+"""Searches for the parameters of a friction law: variable projection, and all values between bounds.
 
 Variable projection: the shape is searched, the rest follows by linear least squares.
 
     d = argmin |r + F d|^2 + lambda |D d|^2,   D the lengths of the columns of Kaufman's Jacobian F
-    h(s) = r(s)' dPhi/ds c(s) = -1/2 dJ/ds = 0                           root finding, one shape value
 
 Golub and Pereyra, SIAM J. Numer. Anal. 10 (1973) 413-432; Kaufman, BIT 15 (1975) 49-57; Levenberg (1944);
 Marquardt (1963). Damped Gauss-Newton steps in the logarithms start from a grid of shapes. A linear zone gives
 J a kink wherever its edge passes a sample: the edge is set onto the kinks next to it, and beyond them. Where
-friction changes its sign at a velocity that is searched, J jumps: the intervals between jumps are tried. Root
-finding (Table 2 of Zhang, Hu and Zou (2021)) scans h and finds each root by Brent's method.
+friction changes its sign at a velocity that is searched, J jumps: the intervals between jumps are tried.
 
-Over all parameters between bounds: Ipopt, genetic, annealing.
+Between bounds, by Ipopt from the best shapes of a grid, with exact derivatives by CasADi:
 
-    nlp        min_x J(x), lower <= x <= upper, over the physical parameters x, so that fS >= 0, fC >= 0 hold
-               f(x) = |y - Q R t(x)|^2 / scale, t(x) = sum_k c_k(x) Phi_k(v; s(x)), (c, s) = mixing^-1 x
-               with exact derivatives by CasADi, from the best shapes of a grid
-    genetic    tournament of two -> crossover of all parents -> the best of parents and children survive
-               (our own design: Zhang, Hu and Zou (2021) do not say how theirs works)
-    annealing  the same, then each candidate x moves to a neighbour x' if dJ < 0 or u < exp(-dJ / T), T_0 =
-               J_max - J_min of the first generation, T_g+1 = cooling T_g; the best one never moves uphill
-               (Metropolis et al. 1953; Kirkpatrick, Gelatt and Vecchi, Science 220 (1983) 671-680)
+    min_x J(x), lower <= x <= upper, over the physical parameters x, so that fS >= 0, fC >= 0 hold
+    f(x) = |y - Q R t(x)|^2 / scale, t(x) = sum_k c_k(x) Phi_k(v; s(x)), (c, s) = mixing^-1 x
 
-The same state of the generator gives the same result; optima in a kink are not found to full precision.
+Optima in a kink are not found to full precision.
 Supported: up to three free shape values in variable projection, dependent columns.
 """
 
@@ -31,13 +23,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import scipy
-from numpy.random import Generator
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
-from symid.errors import Notice, UsageError
-from symid.identification.friction.joint_fit import FrictionSearch, is_one_sided
+from symid.identification.friction.joint_fit import FrictionSearch
 from symid.identification.friction.problem import FrictionOptions, FrictionProblem, Projection, Projector
 from symid.identification.judge import numerics
 from symid.identification.regression import solve_scaled
@@ -298,46 +287,6 @@ def _visit_kinks(
     return best, done
 
 
-def search_by_roots(problem: FrictionProblem, options: FrictionOptions) -> FrictionSearch:
-    """Return the stationary point of least objective, of one shape value and motion in one direction."""
-    free, mistakes = np.flatnonzero(problem.is_free), []
-    if len(free) != 1:
-        mistakes.append(f"one free shape value; law {problem.law.name!r} has {len(free)} here")
-    if not is_one_sided(problem.samples.rows.velocity):
-        mistakes.append("motion in one direction; these samples have both")
-    if mistakes:
-        texts = (f"root finding needs {text}: use the estimator 'varpro'" for text in mistakes)
-        raise UsageError(*(Notice(code="usage.root-finding", text=text) for text in texts))
-    place = int(free[0])
-    projector = Projector(problem, np.iinfo(np.int64).max)
-    ends = problem.box
-    kept: dict[float, tuple[float, Projection]] = {}
-
-    def compute_slope(coordinate: float) -> float:
-        if coordinate not in kept:
-            z = np.array(ends[0])
-            z[place] = coordinate
-            state = projector.project(z)
-            slope = float(-(projector.compute_jacobian(state)[:, place] @ state.residual))
-            kept[coordinate] = slope, state
-        return kept[coordinate][0]
-
-    scan = np.linspace(ends[0][place], ends[1][place], options.solves).tolist()
-    slopes = list(map(compute_slope, scan))
-    projector.record(*(state for _, state in kept.values()))
-    roots = 0
-    for (left, before), (right, after) in itertools.pairwise(zip(scan, slopes, strict=True)):
-        if before * after < 0.0:
-            root = scipy.optimize.brentq(compute_slope, left, right, xtol=options.tolerance, rtol=1e-14)
-            compute_slope(root)
-            roots += 1
-            projector.record(kept[root][1])
-    best = min((state for _, state in kept.values()), key=lambda state: state.objective)
-    ended = f"{roots} roots were found, the best is kept" if roots else "the slope never changes its sign"
-    outcome = Ending.CONVERGED if roots else Ending.STALLED
-    return projector.build_search(best, outcome, ended, points=options.solves, roots=roots)
-
-
 def build_nlp(
     problem: FrictionProblem, scale: float, low: FloatArray, high: FloatArray
 ) -> tuple[SmoothProblem, Iterator[int]]:
@@ -417,87 +366,3 @@ def search_by_nlp(problem: FrictionProblem, options: FrictionOptions) -> Frictio
     ended = f"Ipopt ended: {best.reason}; {same} of {len(runs)} starts end at this optimum"
     settings = (("starts", len(runs)), ("agreeing", same))
     return FrictionSearch(linear, shape, objective, *counts, tuple(history), best.outcome, ended, settings)
-
-
-class UnitBoxProblem:
-    """Candidates of a problem, mapped onto the unit box of dimension `size`, and their objective, counted."""
-
-    def __init__(self, problem: FrictionProblem) -> None:
-        self.problem, self.evaluations, self.history = problem, 0, list[float]()
-        self.free = np.flatnonzero(problem.is_free)
-        self.fixed, high = problem.box
-        self.low = np.concatenate([problem.lower, self.fixed[self.free]])
-        self.high = np.concatenate([problem.upper, high[self.free]])
-        self.size = len(self.low)
-
-    def express(self, genes: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return linear (P, p) and shape (P, s) of genes (P, d)."""
-        values = self.low + np.clip(genes, 0.0, 1.0) * (self.high - self.low)
-        count = len(self.problem.lower)
-        z = np.tile(self.fixed, (len(genes), 1))
-        z[:, self.free] = values[:, count:]
-        return values[:, :count], self.problem.decode(z)
-
-    def compute_objectives(self, genes: FloatArray) -> FloatArray:
-        """Return J (P,) of genes (P, d)."""
-        self.evaluations += len(genes)
-        return self.problem.compute_objectives(*self.express(genes))
-
-    def build_search(
-        self, limit: int, genes: FloatArray, objective: float, *, converged: bool, **settings: float | str
-    ) -> FrictionSearch:
-        """Return the end of a search with the best candidate, genes (d,); `limit` of generations."""
-        linear, shape = self.express(genes[None, :])
-        spread = f"the relative spread of the candidates' objectives fell below {numerics.CONVERGED:g}"
-        ended = (Ending.STAGNATED, spread) if converged else (Ending.LIMIT, f"{limit} generations passed")
-        values = tuple(linear[0].tolist()), tuple(shape[0].tolist()), objective
-        counts = self.evaluations, 0, len(self.history) - 1
-        return FrictionSearch(*values, *counts, tuple(self.history), *ended, tuple(settings.items()))
-
-
-def draw_children(genes: FloatArray, parents: FloatArray, width: float, generator: Generator) -> FloatArray:
-    """Return a child of each parent (P, d) by a crossover of all genes (P, d), mirrored at the box's ends."""
-    # parent + width / sqrt(P) sum_k w_k (x_k - mean), w_k standard normal, follows valleys in any direction.
-    count = len(genes)
-    weights = generator.standard_normal((len(parents), count)) * (width / np.sqrt(count))
-    children = np.abs(parents + weights @ (genes - np.mean(genes, axis=0)))
-    return np.asarray(1.0 - np.abs(1.0 - np.clip(children, 0.0, 2.0)))
-
-
-def search_by_population(
-    problem: FrictionProblem, options: FrictionOptions, generator: Generator, *, anneal: bool
-) -> FrictionSearch:
-    """Return the best candidate of the genetic algorithm, or of its hybrid with annealing."""
-    box = UnitBoxProblem(problem)
-    genes = generator.random((options.population * box.size, box.size))
-    objectives = box.compute_objectives(genes)
-    box.history.append(float(np.min(objectives)))
-    temperature, converged = float(np.max(objectives)) - box.history[0], False
-    while not converged and len(box.history) <= options.iterations:
-        # The better one of two drawn at random; then the best of parents and children, the best first.
-        first, second = generator.integers(len(genes), size=(2, len(genes)))
-        parents = genes[np.where(objectives[first] <= objectives[second], first, second)]
-        children = draw_children(genes, parents, options.width, generator)
-        genes = np.vstack([genes, children])
-        objectives = np.concatenate([objectives, box.compute_objectives(children)])
-        kept = np.argsort(objectives, kind="stable")[: len(children)]
-        genes, objectives = genes[kept], objectives[kept]
-        if anneal:
-            neighbours = draw_children(genes, genes, options.step, generator)
-            reached = box.compute_objectives(neighbours)
-            rise = reached - objectives
-            chance = np.exp(-np.maximum(rise, 0.0) / max(temperature, numerics.TINY))
-            accepted = generator.random(len(genes)) < chance
-            # Survivors stand in order: the first is the best.
-            accepted[0] = rise[0] < 0.0
-            genes = np.where(accepted[:, None], neighbours, genes)
-            objectives = np.where(accepted, reached, objectives)
-            temperature *= options.cooling
-        least, most = float(np.min(objectives)), float(np.max(objectives))
-        box.history.append(least)
-        converged = most - least <= numerics.CONVERGED * least
-    best = int(np.argmin(objectives))
-    settings = {"population": len(genes), "width": options.width}
-    settings |= {"cooling": options.cooling} if anneal else {}
-    least = float(objectives[best])
-    return box.build_search(options.iterations, genes[best], least, converged=converged, **settings)

@@ -2,18 +2,25 @@
 
 import math
 from dataclasses import replace
+from functools import partial
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from symid.identification.friction.estimators import ESTIMATORS, STOCHASTIC
+from symid.errors import UsageError
+from symid.identification.friction import FrictionOptions, build_problem, fit_friction
+from symid.ipopt import Ending
 from symid.joint_models import get_law
 from symid.report.study_text import list_tables
 from symid.study import friction_protocols as paper
+from symid.study.friction_protocols import ESTIMATORS
+from tests.frictions import draw_s1, draw_s2, fit_by
+from tests.refusals import raises
 
 SHORT = paper.build_sweep_scene(paper.Sweep(peak=0.5, samples=200))
 TRUTH = np.array(paper.TABLE_1[-1].values)
+OPTIONS = FrictionOptions()
 PHYSICAL = (11.64, 23.19, 0.02767, 27.88, 0.47, 0.010)
 
 
@@ -29,6 +36,45 @@ def summarise(scene, factors, solves=1):
     return paper.summarise_recovery(
         scene, [[build_fit(scene.law, truth * factor, solves=solves)] for factor in factors]
     )
+
+
+@pytest.mark.parametrize("estimator", ESTIMATORS)
+def test_every_search_gives_the_same_report(estimator):
+    samples, law = draw_s1()
+    estimate, best = fit_by(samples, law, estimator, 2), fit_friction(samples, law)
+    assert estimate.estimator == estimator
+    assert [entry.name for entry in estimate.parameters] == ["fC", "fS", "vs", "fV"]
+    for entry, other in zip(estimate.parameters, best.parameters, strict=True):
+        assert abs(entry.value - other.value) < 0.1 * other.std
+        assert entry.std == pytest.approx(other.std, rel=0.01)
+    assert estimate.evaluations > 0
+    assert (estimate.solves == 0) == (estimator in paper.RACERS)
+    assert estimate.history[-1] == pytest.approx(estimate.objective, rel=1e-6)
+    assert estimate.sigma == pytest.approx(np.sqrt(251.0 / 500), rel=0.1)
+
+
+def test_root_finding_refuses_two_unknowns_and_two_directions_and_keeps_the_better_end_without_a_root():
+    with raises(UsageError, *["usage.root-finding"] * 2, match=r"2 here[\s\S]*both"):
+        paper.search_by_roots(build_problem(*draw_s2(), OPTIONS), OPTIONS)
+    options = FrictionOptions(bounds=(("vs", (0.1, 0.2)),))
+    search = paper.search_by_roots(build_problem(*draw_s1(), options), OPTIONS)
+    assert search.outcome is Ending.STALLED
+    assert search.shape[0] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize("anneal", [False, True])
+def test_the_history_falls_the_counts_agree_and_the_same_generator_gives_the_same_bits(anneal):
+    problem, find = build_problem(*draw_s1(), OPTIONS), partial(paper.search_by_population, anneal=anneal)
+    search, again = (find(problem, np.random.default_rng(1)) for _ in range(2))
+    assert (search.linear, search.history) == (again.linear, again.history)
+    assert np.all(np.diff(search.history) <= 0.0)
+    assert search.history[-1] == pytest.approx(search.objective)
+    errors = problem.target - problem.compute_columns(search.shape) @ search.linear
+    assert search.objective == pytest.approx(errors @ errors, rel=1e-12)
+    assert (search.solves, search.outcome) == (0, Ending.STAGNATED)
+    # Too few generations are told.
+    end = find(problem, np.random.default_rng(0), generations=3)
+    assert (end.outcome, end.ended) == (Ending.LIMIT, "3 generations passed")
 
 
 def test_samples_are_the_torque_of_the_law_and_white_noise():
@@ -77,8 +123,8 @@ def test_excess_and_distance_are_the_worst_over_all_draws():
         assert row.error == pytest.approx(3.5)
         assert row.outside == 4
         # A thousandth is near enough for a search by chance only.
-        assert row.agreed == (2 if row.estimator in STOCHASTIC else 1)
-        assert row.by_chance == (row.estimator in STOCHASTIC)
+        assert row.agreed == (2 if row.estimator in paper.RACERS else 1)
+        assert row.by_chance == (row.estimator in paper.RACERS)
 
 
 def test_times_are_measured_and_histories_end_at_the_result():

@@ -1,26 +1,21 @@
 """Searches: their derivatives, their optimum against others, counts, edges, the same bits again."""
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 import pytest
 from scipy.optimize import differential_evolution, least_squares
 
-from symid.errors import UsageError
 from symid.identification.friction.problem import FrictionOptions, Projector, build_problem
 from symid.identification.friction.searches import (
     build_nlp,
     search_by_nlp,
-    search_by_population,
     search_by_projection,
-    search_by_roots,
 )
 from symid.ipopt import Ending
 from symid.joint_models.friction_catalogue import get_law
 from symid.joint_models.friction_law import compute_friction_torque
 from tests.frictions import TABLE_1, build_cosines, draw_s1, draw_s2, draw_samples
-from tests.refusals import raises
 
 OPTIONS = FrictionOptions()
 TRUTHS = {
@@ -182,37 +177,6 @@ def test_laws_with_kinks_and_jumps_end_by_their_tolerance_on_samples_of_others(n
         assert search.objective <= projector.project(near).objective * (1.0 + 1e-9)
 
 
-def test_root_finding_refuses_two_unknowns_and_two_directions():
-    with raises(UsageError, *["usage.root-finding"] * 2, match=r"2 here[\s\S]*both"):
-        search_by_roots(build_problem(*draw_s2(), OPTIONS), OPTIONS)
-
-
-def test_without_a_root_the_better_end_is_kept():
-    law = get_law("stribeck")
-    samples = draw_samples(law, (10.0, 20.0, 0.05, 20.0), abs(build_cosines(0.5)), noise=0.0)
-    options = FrictionOptions(bounds=(("vs", (0.1, 0.2)),))
-    search = search_by_roots(build_problem(samples, law, options), OPTIONS)
-    assert search.outcome is Ending.STALLED
-    assert search.shape[0] == pytest.approx(0.1)
-
-
-@pytest.mark.parametrize("anneal", [False, True])
-def test_the_history_falls_the_counts_agree_and_the_same_generator_gives_the_same_bits(anneal):
-    problem = build_problem(*draw_s1(), OPTIONS)
-    find = partial(search_by_population, anneal=anneal)
-    search, again = (find(problem, OPTIONS, np.random.default_rng(1)) for _ in range(2))
-    assert (search.linear, search.history) == (again.linear, again.history)
-    assert np.all(np.diff(search.history) <= 0.0)
-    assert search.history[-1] == pytest.approx(search.objective)
-    population = dict(search.settings)["population"]
-    assert search.evaluations == population * (1 + (2 if anneal else 1) * search.iterations)
-    assert (search.solves, search.outcome) == (0, Ending.STAGNATED)
-    # Too few generations are told.
-    end = find(problem, replace(OPTIONS, iterations=3), np.random.default_rng(0))
-    assert end.outcome is Ending.LIMIT
-    assert "3 generations" in end.ended
-
-
 def thin(columns):
     return 0.5 * (columns[:-1:2] + columns[1::2])
 
@@ -243,8 +207,8 @@ def test_derivatives_are_exact(name, physical):
     smooth, _ = build_nlp(problem, 7.0, *np.zeros((2, 0)))
     x = np.array(physical) * (1.0 + 0.01 * np.arange(len(physical)))
     linear, shape = problem.law.from_physical(list(x))
-    objective = float(problem.compute_objectives(np.array([linear]), np.array([shape]))[0])
-    assert smooth.value(x) == pytest.approx(objective / 7.0, rel=1e-12)
+    errors = problem.target - problem.compute_columns(shape) @ linear
+    assert smooth.value(x) == pytest.approx(errors @ errors / 7.0, rel=1e-12)
     gradient, hessian = smooth.gradient(x), smooth.hessian(x)
     for place in range(len(x)):
         step = 1e-6 * x[place] * np.eye(len(x))[place]
