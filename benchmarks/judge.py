@@ -751,12 +751,15 @@ COVERED: dict[str, Recipe | tuple[str, str]] = {
     ),
     "spatial 4R, 200 Hz": Recipe(plant="own", size=4, duration=20.0, rate=200.0),
     "spatial 4R, 50 Hz": Recipe(plant="own", size=4, duration=20.0, rate=50.0, early=True),
-    "Stribeck 3R, 250 Hz": Recipe(plant="own", duration=20.0, excess=0.4),
+    "rigid3, Stribeck": Recipe(
+        plant="own", arm="rigid3", motion="fast", speed=4.5, duration=20.0, excess=0.4
+    ),
+    "spatial 3R, Stribeck": Recipe(plant="own", duration=20.0, excess=0.4),
     **{f"{arm}, {case}": (arm, case) for arm, case in product(ARMS, CASES)},
 }
-"""Plants by name, or arm and case of `simulated_arms.py`; laws are chosen where static friction is more."""
+"""Plants by name, or arm and case of `simulated_arms.py`; robot files state Coulomb and viscous friction."""
 USUAL = ("rigid3, 250 Hz", "rigid3, 50 Hz", "spatial 4R, 200 Hz", "spatial 4R, 50 Hz", "panda, white")
-USUAL += ("Stribeck 3R, 250 Hz",)
+USUAL += ("rigid3, Stribeck",)
 
 
 def list_coverage(given: Given) -> list[str]:
@@ -767,9 +770,8 @@ def list_coverage(given: Given) -> list[str]:
 def run_coverage(name: str, given: Given, folder: Path) -> dict:
     """Return what one draw gives, the truth beside it."""
     plant, number = name[:-1].split(" [")
-    source, options = COVERED[plant], {}
+    source = COVERED[plant]
     if isinstance(source, Recipe):
-        options = {"friction": "auto"} if source.excess else {}
         chain = build_chain(source, np.random.default_rng([51, given.seed]))
         run = simulate_run(source, chain, np.random.default_rng([52, given.seed, int(number)]))
         robot, logs = build_sample(source, chain, [run]).write(folder)
@@ -779,7 +781,7 @@ def run_coverage(name: str, given: Given, folder: Path) -> dict:
         robot = write_arm_file(arm, folder)
         logs = [simulate(arm, CASES[source[1]], int(number)).write(folder / "log.npz")]
         truth = find_arm_truth(source[0], robot)
-    result, _ = identify(robot, logs, **options)
+    result, _ = identify(robot, logs)
     return result | {"plant": plant, "truth": truth, "notices": []}
 
 
