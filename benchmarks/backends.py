@@ -119,7 +119,7 @@ def show_elastic():
     show_fits(
         "elastic arm, all methods, s",
         libraries,
-        lambda library: prepare_methods(library, recordings, options)(options.method),
+        lambda library: prepare_methods(library, recordings, options)("automatic"),
     )
 
 

@@ -11,13 +11,13 @@ import sys
 import time
 
 from symid.codegen.cache import prepare_library
-from symid.identification.elastic.methods import build_elastic_equations, fit_method
+from symid.identification.elastic.methods import AUTOMATIC_METHODS, build_elastic_equations, fit_method
 from symid.identification.elastic.options import ElasticOptions
 from symid.robot.loading import locate_robot_file
 from symid.robot.toml_reader import read_robot
-from symid.study.elastic_methods import SensorCondition, observe_runs, simulate_runs
+from symid.study.elastic_methods import SensorCondition, fit_independent, observe_runs, simulate_runs
 
-METHODS = ("linear-spring", "two-step", "elimination", "weighted", "nlp", "independent")
+METHODS = {**dict(zip(AUTOMATIC_METHODS, AUTOMATIC_METHODS, strict=True)), "independent": fit_independent}
 LOGS = ("TA", "TA10", "TC")
 
 
@@ -34,9 +34,9 @@ def main() -> None:
         work = build_elastic_equations(library, recordings, ElasticOptions())
         shared = (time.perf_counter() - wall, time.process_time() - own)
         rows = [("equations", shared)]
-        for method in METHODS:
+        for method, maker in METHODS.items():
             wall, own = time.perf_counter(), time.process_time()
-            fit_method(work, method)
+            fit_method(work, maker)
             spent = (time.perf_counter() - wall + shared[0], time.process_time() - own + shared[1])
             rows.append((method, spent))
         # The first round loads packages and is not counted.

@@ -342,7 +342,11 @@ def demo(
     identify = identification.prepare_elastic_methods(
         robot.description, training, identification.IdentifyOptions(), robot.context
     )
-    fits = {method: cast("ElasticFit", build_dynamics_fit(identify(method), robot)) for method in _METHODS}
+    makers = {"independent": studies.elastic_methods.fit_independent}
+    fits = {
+        method: cast("ElasticFit", build_dynamics_fit(identify(makers.get(method, method)), robot))
+        for method in _METHODS
+    }
     models = {method: fit.estimate.build_fit(card) for method, fit in fits.items()}
     truth, last = studies.elastic_methods.get_true_parameters(card), runs[_HELD_OUT]
     deviations = {}

@@ -427,7 +427,7 @@ class ElasticFit(_DynamicsFit):
     Example:
         >>> import symid
         >>> robot = symid.load("two_link_elastic")
-        >>> fit = robot.identify(robot.simulate(duration=4.0, seed=1).log, method="linear-spring")
+        >>> fit = robot.identify(robot.simulate(duration=4.0, seed=1).log, method="two-step")
         >>> [spring.joint for spring in fit.springs]
         ['shoulder', 'elbow']
     """

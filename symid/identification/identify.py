@@ -85,22 +85,22 @@ def identify_robot(
         robot, recordings, method=options.method, elastic=options.list_elastic(), rigid=options.list_given()
     )
     # Motors of elastic joints have their laws chosen in any case.
-    elastic = route.kind == "elastic" and options.friction != frictions.AUTO
+    elastic = route == "elastic" and options.friction != frictions.AUTO
     if options.friction is not None and (elastic or estimator in rigids.SIMULATING):
         where = "elastic joints are" if elastic else f"--estimator {estimator} is"
         raise friction_search.refuse_search(options.friction, f"is not done where {where} identified")
     if estimator in rigids.SIMULATING:
         friction_search.refuse_states(robot, f"--estimator {estimator}")
-    if route.kind == "elastic":
-        return prepare_elastic_methods(robot, recordings, options, context, pairs, named=named)(route.method)
+    if route == "elastic":
+        by_method = prepare_elastic_methods(robot, recordings, options, context, pairs, named=named)
+        return by_method(options.method or "automatic")
     if options.known is not None:
         text = (
             f"--known cannot be used with {robot.name!r}, identified as rigid; leave it out, or use it with "
             "--rows friction, or give known values as a prior (--estimator ridge --prior)"
         )
         raise UsageError(Notice(code="usage.mixed-options", text=text))
-    motor_side = route.kind == "motor-side"
-    return _identify_rigid(robot, recordings, options, context, motor_side=motor_side)
+    return _identify_rigid(robot, recordings, options, context, motor_side=route == "motor-side")
 
 
 def _list_log_notices(robot: Robot, recordings: Recordings) -> tuple[Notice, ...]:
@@ -211,8 +211,8 @@ def prepare_elastic_methods(
     pairs: Pairs = (),
     *,
     named: bool = False,
-) -> Callable[[str], Identification[elastics.ElasticEstimate]]:
-    """Return what identifies by a method of a name; logs are aligned and equations built once for all.
+) -> Callable[[str | elastics.Maker], Identification[elastics.ElasticEstimate]]:
+    """Return what identifies by a method, as `elastic.fit_method`; equations are built once for all.
 
     The robot has elastic joints and its logs have both positions; the method of the options does not count.
     `pairs` and errors are those of `identify_robot`.
@@ -238,8 +238,9 @@ def prepare_elastic_methods(
         ready.library, ready.moved, elastic, echo=echo, friction=friction, adopt=None if named else adopt
     )
 
-    def identify(method: str) -> Identification[elastics.ElasticEstimate]:
-        context.progress(f"identifying {robot.name} from {ready.counted} by the method {method!r}")
+    def identify(method: str | elastics.Maker) -> Identification[elastics.ElasticEstimate]:
+        name = method if isinstance(method, str) else method.__name__
+        context.progress(f"identifying {robot.name} from {ready.counted} by the method {name!r}")
         found = by_method(method)
         estimate = replace(found, notices=(*found.notices, *elastics.warn_of_rotors(found.parameters)))
         estimate = replace(estimate, drawn=robot.made_from is not None)
@@ -293,9 +294,8 @@ def build_elastic_graph(
 ) -> "tuple[elastics.nlp.NlpGraph, tuple[Notice, ...]]":
     """Return the one-shot problem of elastic joints as expressions, with notices; see `identify_robot`."""
     log_files.refuse_known_payloads(recordings, "a robot with elastic joints")
-    elastics.choose_route(robot, recordings, method="nlp", elastic={}, rigid=options.list_given())
-    elastic = replace(options.build_elastic(), method="nlp")
-    ready = _prepare_elastic(robot, recordings, elastic, pairs, context)
+    elastics.choose_route(robot, recordings, method="nlp", elastic=(), rigid=options.list_given())
+    ready = _prepare_elastic(robot, recordings, options.build_elastic(), pairs, context)
     context.progress(f"identifying {robot.name} from {ready.counted} by the method 'nlp'")
     return elastics.build_one_shot(ready.library, ready.moved, ready.options), ready.notices
 

@@ -102,7 +102,6 @@ class IdentifyOptions(RigidOptions):
         FILE,
         "FILE",
     )
-    scheme: str | None = inner(None, "Of the method two-step: two-cost (the default) or same-cost.")
     thresholds: tuple[tuple[float, ...], ...] | None = inner(
         None, "Elastic joints: places of the stops, one tuple a joint, rad or m, in place of a grid."
     )
@@ -116,11 +115,11 @@ class IdentifyOptions(RigidOptions):
         None, "Elastic joints: whether to find what drives, gears and encoders add, and to take it off."
     )
 
-    def list_elastic(self) -> dict[str, object]:
+    def list_elastic(self) -> list[str]:
         """Return the options of elastic joints alone that were given, as the command line calls them."""
         flags = list_options(IdentifyOptions)
-        given = {name: value for name in _ELASTIC if (value := getattr(self, name)) is not None}
-        return {(flags[name].name_flag(name) or name).removeprefix("--"): given[name] for name in given}
+        given = [name for name in _ELASTIC if getattr(self, name) is not None]
+        return [flags[name].name_flag(name) or f"--{name}" for name in given]
 
     def build_elastic(self) -> ElasticOptions:
         """Return the options of elastic joints, with the defaults of those that were not given.
@@ -128,14 +127,14 @@ class IdentifyOptions(RigidOptions):
         Raises:
             UsageError: a value is refused.
         """
-        named = {name: getattr(self, name) for name in (*_ELASTIC, "window", "method")}
+        named = {name: getattr(self, name) for name in (*_ELASTIC, "window")}
         names = {"threshold_count": "stops", "knee_count": "knees"}
         given: Any = {names.get(name, name): value for name, value in named.items() if value is not None}
         return ElasticOptions(**given)
 
 
 _ELASTIC = (
-    *("tolerance", "threshold_count", "knee_count", "rate", "scheme", "thresholds", "knee_torques"),
+    *("tolerance", "threshold_count", "knee_count", "rate", "thresholds", "knee_torques"),
     *("refine", "iterations", "nlp", "effects"),
 )
 """Names of the options of elastic joints alone."""

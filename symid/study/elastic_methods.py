@@ -5,6 +5,20 @@ Robot, datasets, seeds -> `ElasticStudy`: errors of every method on every datase
     parameters   largest |estimate - truth| / |truth| over the dynamic parameters whose truth is not zero
     hysteresis   joint by joint RMS(tau_J estimate - tau_J) / RMS(tau_J), on the true torsion of TC
 
+Beside the methods of `identification.elastic` stands `independent`, a reconstruction of the published
+procedures that find dynamics and hysteresis apart, no copy: dynamics from motions of all joints together; the
+hysteresis of each joint from slow motions of that joint alone, its torque from the motor equation, its
+torsion by the link encoder or, on the motor side (which needs gravity),
+
+    phi <- phi + G' (G G' + mu 1)^-1 (link(theta - phi) - tau_J),  G = d gravity / dq
+
+The Cramer-Rao bounds are those of the sum of both equations, where nothing is known of the springs, and
+N (N' I N)^-1 N' where their form is, N the null space of the link equations, I the information of the motor
+equations (Gorman and Hero 1990); S are the derivatives of the springs' torque by all their numbers w:
+
+    motor   IA ddtheta + F(dtheta) f + S w = tau + noise
+    link    Y beta - S w = 0                                     exact, as the states are
+
 Clean: 5 kHz, perfect sensors. Noisy: 1 kHz, encoders with 2^20 steps a turn, torque noise of 2 % of each
 joint's RMS. The motion is the same for all seeds, and all methods use the same recordings.
 
@@ -18,27 +32,31 @@ Robot, library, seed -> `ManyJointsResult`, of any number of joints: the torque 
 elimination of two others leaves unexplained. Energy rows separate the parameters of many joints badly: their
 condition number stands beside that of elimination.
 
-Not supported: noise in the control loop; robots with other than two joints, or whose file lacks the truth.
+Not supported: in bounds, cubic springs, damping, noise of the encoders; noise in the control loop; robots
+with other than two joints, or whose file lacks the truth.
 """
 
 import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
-from functools import lru_cache
+from functools import lru_cache, partial
 from operator import attrgetter
 
 import numpy as np
+import scipy
 
 from symid import excitation, simulation
-from symid.arrays import FloatArray
+from symid.arrays import FloatArray, compute_triangle
 from symid.codegen import Library, ModelCard, prepare_library
 from symid.errors import Notice, UsageError
 from symid.identification import elastic
+from symid.identification.hysteresis import compute_slips, compute_spring_slopes, filter_smooth, read_weights
+from symid.identification.judge import numerics
 from symid.identification.regression import warn_of_energy
-from symid.joint_models import Elasticity, compute_hysteresis_torque
-from symid.logs import Recording
+from symid.joint_models import Elasticity, compute_hysteresis_torque, compute_stop_basis
+from symid.logs import Recording, differentiate, differentiate_smooth, low_pass
 from symid.robot import Robot
 from symid.serialization import HIDDEN, name_key, write_as
 from symid.study.monte_carlo import (
@@ -65,13 +83,99 @@ _TRAJECTORIES: Mapping[str, Callable[[], excitation.Trajectory]] = {
 AUTOMATIC = "automatic"
 _ENCODER = "independent, link encoder"
 _RIVALS = ("independent", _ENCODER)
-STUDY_METHODS = ("linear-spring", "two-step", "elimination", "weighted", "nlp", *_RIVALS)
+STUDY_METHODS = (*elastic.AUTOMATIC_METHODS, *_RIVALS)
 _METHODS = {
     "Case 1: identified together": AUTOMATIC,
     "Case 2: identified apart, motor side": "independent",
     "Case 2 with link encoder": _ENCODER,
 }
 CASES = (*_METHODS, elastic.RIGID)
+
+
+_DAMPING = 0.1
+"""mu relative to the largest squared singular value of G."""
+_SLOW = 0.5
+"""Hz; slow motions are below, the pendulums of arms above."""
+
+
+def split_recordings(signals: Sequence[elastic.ElasticSignals]) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the recordings in which all joints move, and the others; all twice where a kind is missing."""
+    speeds = [elastic.compute_speeds([part]) for part in signals]
+    everything = tuple(range(len(signals)))
+    together = tuple(i for i in everything if np.all(speeds[i] > elastic.MOVES * speeds[i].max()))
+    apart = tuple(i for i in everything if i not in together)
+    return together or everything, apart or everything
+
+
+def fit_independent(problem: elastic.ElasticProblem, *, encoder: bool = False) -> elastic.MethodFit:
+    """Return the dynamics of the first procedure and the hysteresis of the second.
+
+    With `encoder` the torsion is taken from the link encoder too, in place of motor-side samples alone.
+    """
+    together, apart = split_recordings(problem.signals)
+    chi = elastic.solve_with_signs(problem.library.card, *problem.stack_filtered(together), problem.known)
+    torsions = {
+        number: problem.signals[number].phi if encoder else estimate_virtual_torsion(problem, number, chi)
+        for number in apart
+    }
+    speeds = [elastic.compute_speeds([part]) for part in problem.signals]
+    springs = []
+    for joint in range(problem.sizes[1]):
+        moves = [i for i in apart if speeds[i][joint] > elastic.MOVES * speeds[i].max()]
+        used = moves or list(apart)
+        signals, rows = [problem.signals[i] for i in used], [problem.filtered[i] for i in used]
+        parts = [np.ascontiguousarray(torsions[number][:, joint]) for number in used]
+        data = elastic.build_spring_data(problem.options, joint, parts, signals, rows)
+        target = np.concatenate([part.compute_motor_side(chi)[:, joint] for part in rows])
+        springs.append(problem.fit_spring(joint, data, target))
+    fit = elastic.build_method_fit("independent", chi, problem.sizes, tuple(springs))
+    return replace(fit, recordings=together)
+
+
+def estimate_virtual_torsion(problem: elastic.ElasticProblem, number: int, chi: FloatArray) -> FloatArray:
+    """Return the torsion (N, n) of recording `number` from motor-side samples and chi alone.
+
+    First where gravity's gradient is large; the linear spring that this gives stands in elsewhere.
+    """
+    library, signals, rate = problem.library, problem.signals[number], problem.options.filter_rate
+    beta = chi[: problem.sizes[0]]
+    rows = elastic.build_filtered_rows(library, replace(signals, settled=0), rate)
+    step = rows.keep.step
+    theta, period, torque = signals.theta[::step], signals.period * step, rows.compute_motor_side(chi)
+    # d g / dq (M, n, n) by central differences of the torque at rest.
+    turn, rest, columns = 1e-4, np.zeros_like(theta), []
+    for shift in turn * np.eye(theta.shape[1]):
+        (ahead,) = library.evaluate("lagrange_regressor", theta + shift, rest)
+        (behind,) = library.evaluate("lagrange_regressor", theta - shift, rest)
+        columns.append((behind @ beta - ahead @ beta) / (2.0 * turn))
+    gradient = np.stack(columns, axis=2)
+    root = gradient.transpose(0, 2, 1)
+    damping = _DAMPING * float(np.linalg.norm(gradient, ord=2, axis=(1, 2)).max()) ** 2
+    gain = root @ np.linalg.inv(gradient @ root + damping * np.eye(problem.sizes[1]))
+    phi = np.zeros_like(theta)
+    sizes = np.maximum(np.linalg.norm(torque, axis=0), numerics.TINY)
+    for prior in (False, True):
+        if prior:
+            # The linear springs that fit best, most of all where gravity's gradient is large.
+            slopes = np.diagonal(gradient, axis1=1, axis2=2) ** 2
+            moved = np.maximum(np.sum(slopes * torque**2, axis=0), numerics.TINY)
+            phi = torque * np.maximum(np.sum(slopes * phi * torque, axis=0) / moved, 0.0)
+        left = np.inf
+        for _ in range(numerics.ROUNDS):
+            q = theta - phi
+            dq = differentiate_smooth(q, period)
+            (momentum,) = library.evaluate("momentum_regressor", q, dq)
+            (lagrange,) = library.evaluate("lagrange_regressor", q, dq)
+            link = elastic.filter_derivative(momentum @ beta, rate, period)
+            link -= filter_smooth(lagrange @ beta, rate, period)
+            # Above a pendulum's frequency inertia outweighs gravity, and the fixed point would run away.
+            error = low_pass(link - torque, period=period, cutoff=_SLOW, order=2)
+            before, left = left, float(np.sum((error / sizes) ** 2))
+            if left >= before:
+                break
+            phi = phi + np.einsum("kij,kj->ki", gain, error)
+    full, grid = np.arange(len(signals.time)), np.arange(len(theta)) * step
+    return np.column_stack([np.interp(full, grid, torsion) for torsion in phi.T])
 
 
 class SensorCondition(Enum):
@@ -209,8 +313,8 @@ def fit_all_methods(
     fits, seconds = dict[str, elastic.MethodFit](), dict[str, float]()
     for method in methods:
         begin = time.process_time()
-        if method == _ENCODER:
-            fits[method] = elastic.fit_independent(work.problem, encoder=True)
+        if method in _RIVALS:
+            fits[method] = fit_independent(work.problem, encoder=method == _ENCODER)
         else:
             fits[method] = elastic.fit_method(work, method)
         seconds[method] = shared + time.process_time() - begin
@@ -273,6 +377,86 @@ class MethodErrors:
     iterations: int
     outcomes: tuple[tuple[str, int], ...] = field(metadata=write_as(dict))
     choices: tuple[tuple[str, int], ...] = field(default=(), metadata=write_as(dict))
+
+
+def compute_elimination_bound(
+    library: Library, signals: Sequence[elastic.ElasticSignals], noise: Sequence[FloatArray]
+) -> FloatArray:
+    """Return the least covariance (p + n + pf, p + n + pf) that an unbiased estimate of chi can have.
+
+    (sum_k Y_k' Sigma^-1 Y_k)^-1, Y the sum of motor and link equations: torque noise only, white, states
+    exact, nothing known of the springs (with their form known the bound is lower).
+
+    `signals` are the noise-free states of every recording, at the sample rate of the noisy ones, `noise` (n,)
+    the standard deviation of the torque noise of each, N m or N.
+    """
+    pairs = zip(signals, noise, strict=True)
+    weighted = np.concatenate([_build_exact(library, part) / sigma[:, None] for part, sigma in pairs])
+    rows = weighted.reshape(-1, weighted.shape[2])
+    information = rows.T @ rows
+    scales = np.sqrt(np.maximum(np.diag(information), numerics.TINY))
+    sizes = np.outer(scales, scales)
+    return np.asarray(np.linalg.inv(information / sizes) / sizes)
+
+
+def _build_exact(library: Library, part: elastic.ElasticSignals) -> FloatArray:
+    """Return the columns (N, n, p + n + pf) at all samples of noise-free states."""
+    return elastic.build_equations(library, part, partial(differentiate, period=part.period), np.asarray)
+
+
+_NULL = 1e-4
+"""Of the largest singular value of the link equations; integration leaves 1e-5, what is excited a hundred
+times more."""
+
+
+def compute_spring_bound(
+    library: Library, signals: Sequence[elastic.ElasticSignals], noise: Sequence[FloatArray]
+) -> FloatArray:
+    """Return the least covariance (p + n + pf, p + n + pf) of chi where the form of the springs is known.
+
+    Arguments as those of `compute_elimination_bound`; the card states the true springs of all joints.
+    """
+    card = library.card
+    beta, count = len(card.beta), len(card.beta) + card.size + len(card.friction)
+    springs = [read_weights(spring) for spring in card.elasticity if spring is not None]
+    motor, link = [], []
+    for part, sigma in zip(signals, noise, strict=True):
+        # The derivatives (N, n, w) of the springs' torques by all their numbers.
+        parts = []
+        for joint, weights in enumerate(springs):
+            basis = compute_stop_basis(part.phi[:, joint], weights.thresholds)
+            slopes = compute_spring_slopes(basis, weights, compute_slips(basis, weights.thresholds))[:, :-1]
+            parts.append(np.zeros((len(basis), len(springs), slopes.shape[1])))
+            parts[-1][:, joint] = slopes
+        torques = np.concatenate(parts, axis=2)
+        drive = _build_exact(library, part)[:, :, beta:]
+        motor.append(np.concatenate([drive, torques], axis=2) / sigma[:, None])
+        # Of links and springs, integrated over windows.
+        add = partial(scipy.integrate.cumulative_trapezoid, dx=part.period, axis=0, initial=0.0)
+        ends = slice(None, None, max(1, round(elastic.ElasticOptions().window / part.period)))
+        links = elastic.build_equations(library, part, np.asarray, add, ends)
+        link.append(np.concatenate([links[:, :, :beta], -add(torques)[ends]], axis=2))
+    motors, links = (
+        np.concatenate([rows.reshape(-1, rows.shape[2]) for rows in side])
+        for side in (motor, [np.diff(rows, axis=0) for rows in link])
+    )
+    # Directions of the null space, with columns scaled to one length.
+    lengths = np.linalg.norm(links, axis=0)
+    lengths = np.where(lengths > numerics.EXACT * float(lengths.max()), lengths, np.inf)
+    _, singular, directions = np.linalg.svd(compute_triangle(links / lengths))
+    hidden = directions[singular <= _NULL * singular[0]].T
+    null_space = hidden / np.where(np.isfinite(lengths), lengths, 1.0)[:, None]
+    # Columns: beta and springs as the link equations leave them, then rotors and friction.
+    driven = count - beta
+    ways = np.zeros((count + len(null_space) - beta, null_space.shape[1] + driven))
+    ways[:beta, :-driven], ways[count:, :-driven] = null_space[:beta], null_space[beta:]
+    ways[beta:count, -driven:] = np.eye(driven)
+    rows = np.hstack([np.zeros((len(motors), beta)), motors])
+    # The length that a column has unless its parts cancel: what cancels to rounding has no effect.
+    lengths = np.linalg.norm(np.linalg.norm(rows, axis=0)[:, None] * ways, axis=0)
+    lengths = np.where(lengths > 0.0, lengths, 1.0)
+    root = (ways[:count] / lengths) @ np.linalg.pinv(rows @ ways / lengths, rcond=numerics.CONVERGED)
+    return root @ root.T
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -365,7 +549,7 @@ def _compute_bounds(scene: ElasticScene, runs: Sequence[str]) -> tuple[float, fl
     known = scene.truth != 0.0
     without, springs = (
         np.sqrt(np.diag(compute(scene.library, signals, noise)))[known] / np.abs(scene.truth[known])
-        for compute in (elastic.compute_elimination_bound, elastic.compute_spring_bound)
+        for compute in (compute_elimination_bound, compute_spring_bound)
     )
     return 100.0 * float(np.max(without)), 100.0 * float(np.max(springs))
 

@@ -27,11 +27,12 @@ from symid.arrays import FloatArray
 from symid.codegen import ModelCard, prepare_library
 from symid.errors import Notice, SymidError, UsageError
 from symid.identification import IdentifyOptions, TaskContext, prepare_elastic_methods
-from symid.identification.elastic import METHODS, ElasticEstimate
+from symid.identification.elastic import AUTOMATIC_METHODS, ElasticEstimate
 from symid.joint_models import run_element
 from symid.logs import Recording
 from symid.robot import Robot, parse_robot
 from symid.serialization import HIDDEN, name_key, write_as
+from symid.study.elastic_methods import fit_independent
 from symid.study.foreign_plant import (
     ENCODER_STEP,
     PERIOD,
@@ -78,7 +79,7 @@ _NUDGE = 1e-3
 _WAITING = 0.5
 """rad, of joints that TB does not move."""
 AUTOMATIC = "automatic"
-FOREIGN_METHODS = tuple(method for method in METHODS if method != AUTOMATIC)
+FOREIGN_METHODS = (*AUTOMATIC_METHODS, "simultaneous", "independent")
 _NEAR = 1.2
 
 
@@ -334,7 +335,7 @@ def _run_task(task: _Task) -> tuple[ForeignRun, ...]:
         identify = prepare_elastic_methods(scene.robot, logs, IdentifyOptions(), context)
         for method in runs:
             with suppress(SymidError):
-                found = identify(method).estimate
+                found = identify(fit_independent if method == "independent" else method).estimate
                 runs[method] = _score(scene, method, found, judge(found))
     return tuple(runs.values())
 

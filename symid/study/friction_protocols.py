@@ -47,7 +47,13 @@ from symid.errors import Notice, UsageError
 from symid.identification import friction
 from symid.identification.judge import numerics
 from symid.ipopt import Ending
-from symid.joint_models import build_numpy_carrier, compute_columns, compute_friction_torque, get_law
+from symid.joint_models import (
+    FrictionLaw,
+    build_numpy_carrier,
+    compute_columns,
+    compute_friction_torque,
+    get_law,
+)
 from symid.study.monte_carlo import run_tasks
 
 _IMPROVED = "improved-stribeck"
@@ -205,6 +211,19 @@ def draw_samples(scene: FrictionScene, generator: np.random.Generator) -> fricti
         torque=scene.torque + scene.noise * generator.standard_normal(count),
         extra=np.zeros((count, 0)),
     )
+
+
+def compute_cramer_rao(
+    samples: friction.FrictionSamples, law: FrictionLaw, physical: Sequence[float], noise: float
+) -> FloatArray:
+    """Return the least standard deviations (p + s,) that any unbiased estimator can have.
+
+    The torque of `samples` is not read. `physical` are the true parameters in the order of the law, `noise`
+    is the standard deviation of the torque behind R, N m or N.
+    """
+    linear, shape = law.from_physical(physical)
+    design = friction.compute_sensitivities(samples, law, linear, shape)
+    return friction.compute_uncertainty(design, law, noise**2, [False] * len(shape)).physical
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -445,7 +464,7 @@ def summarise_agreement(sweep: Sweep, draws: Sequence[Draw]) -> AgreementStudy:
     """Return what the draws say together."""
     scene, law = build_sweep_scene(sweep), get_law(TABLE_1[-1].law)
     samples = draw_samples(scene, np.random.default_rng(0))
-    bound = friction.compute_cramer_rao(samples, law, scene.physical, scene.noise)
+    bound = compute_cramer_rao(samples, law, scene.physical, scene.noise)
     objectives = np.array([[found.objective for found in draw] for draw in draws])
     every_excess = objectives / np.min(objectives, axis=1, keepdims=True) - 1.0
     rows = []
@@ -650,7 +669,7 @@ def summarise_recovery(scene: FrictionScene, found: Sequence[Draw]) -> Recovery:
     """Return what the draws, at least two, of the first estimator say together."""
     law = get_law(scene.law)
     samples = draw_samples(scene, np.random.default_rng(0))
-    bounds = friction.compute_cramer_rao(samples, law, scene.physical, scene.noise)
+    bounds = compute_cramer_rao(samples, law, scene.physical, scene.noise)
     values = np.array([law.to_physical(fit.linear, fit.shape) for fit, *_ in found])
     truth = np.array(scene.physical)
     errors = np.abs(values - truth) / bounds

@@ -8,7 +8,7 @@ import pytest
 from symid.identification.judge import POLICY
 from tests.architecture.source import PACKAGE
 
-MOST = 154
+MOST = 151
 """Numbers of the rooms of identification and of the verdict: every change lowers them, or says why not."""
 POLICY_FILE = PACKAGE / "identification" / "judge" / "policy.py"
 

@@ -54,7 +54,7 @@ def folder(tmp_path_factory, held_out):
     robot.payload(symid.load(heavy).simulate(duration=4.0, seed=2).log, log).report(folder / "payload.html")
     motion = elastic.simulate(duration=6.0, seed=1).log
     elastic.identify_stiffness(motion).report(folder / "stiffness.html")
-    elastic.identify(motion, method="elimination").report(folder / "elastic.html", validation=motion)
+    elastic.identify(motion, method="two-step").report(folder / "elastic.html", validation=motion)
     x = np.sin(np.linspace(0.0, 20.0, 2000)) * np.linspace(0.2, 1.0, 2000)
     y = 2.0 * x + 0.3 * np.tanh(8.0 * np.gradient(x) / np.abs(np.gradient(x)).max())
     symid.hysteresis.fit(x, y, model="prandtl-ishlinskii").report(folder / "hysteresis.html")

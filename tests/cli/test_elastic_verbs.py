@@ -23,14 +23,14 @@ def folder(tmp_path_factory):
         motion = ("--trajectory", name, "--scale", scale, *SHORT)
         do("simulate", ROBOT, *motion, "-o", folder / f"{name}.npz")
     logs = (folder / "ta.npz", folder / "tb.npz")
-    for method in ("elimination", "linear-spring"):
-        do("identify", ROBOT, *logs, "--method", method, "-o", folder / f"{method}.json")
+    for name, options in (("estimate", ("nlp",)), ("linear", ("two-step", "--thresholds", 0, "--knees", 0))):
+        do("identify", ROBOT, *logs, "--method", *options, "-o", folder / f"{name}.json")
     return folder
 
 
 @pytest.fixture(scope="module")
 def estimate(folder):
-    return folder / "elimination.json"
+    return folder / "estimate.json"
 
 
 @pytest.fixture(scope="module")
@@ -158,13 +158,13 @@ def test_a_spring_that_was_refused_is_not_tried(folder, estimate, tmp_path):
 
 
 def test_tracking_with_the_springs_is_better_than_without(folder, estimate):
-    other = ("--tracking", "--against", folder / "linear-spring.json")
+    other = ("--tracking", "--against", folder / "linear.json")
     tracking = do("validate", ROBOT, estimate, folder / "tc.npz", *other)["result"]["tracking"]
     assert tracking["seed"] is None
     assert tracking["trajectory"].startswith("TC")
     rigid, first, second = tracking["runs"]
-    assert first["feed_forward"] == "Case 1: elimination"
-    assert second["method"] == "linear-spring"
+    assert first["feed_forward"] == "Case 1: nlp"
+    assert second["method"] == "two-step"
     for index, joint in enumerate(("shoulder", "elbow")):
         errors = [entry["joints"][index] for entry in (rigid, first, second)]
         assert [entry["joint"] for entry in errors] == [joint] * 3
@@ -207,7 +207,7 @@ def test_estimates_of_other_models_are_refused(folder, estimate, motor_side, tmp
 
 def test_a_friction_of_the_command_line_is_remembered(folder, tmp_path):
     found = tmp_path / "offset.json"
-    friction = ("--friction", "coulomb-viscous-offset", "--method", "elimination")
+    friction = ("--friction", "coulomb-viscous-offset", "--method", "two-step")
     do("identify", ROBOT, folder / "ta.npz", *friction, "-o", found)
     assert read_fit(found).friction == ("coulomb-viscous-offset",) * 2
     assert do("validate", ROBOT, found, folder / "tc.npz")["result"]["mean_relative_percent"] < 5.0

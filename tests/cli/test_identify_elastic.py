@@ -98,6 +98,7 @@ def test_the_motor_side_alone(one_sided):
     ("robot", "options", "code"),
     [
         ("two_link", "one --method two-step", "usage.method"),
+        ("two_link_elastic", "two --method weighted", "usage.call"),
         ("two_link", "one --tolerance 1e-5", "usage.mixed-options"),
         ("two_link", "one --method stiffness --rows torque", "usage.mixed-options"),
         ("two_link", "one --method stiffness --lambda 30", "usage.mixed-options"),
@@ -171,13 +172,13 @@ def test_a_log_too_short_for_a_delay_is_taken_as_it_is(tmp_path):
     path = tmp_path / "run.npz"
     call = ["simulate", "two_link_elastic", "--trajectory", "ta", "--scale", "10", "--duration", "4"]
     do(*call, "-o", path)
-    answer = do("identify", "two_link_elastic", path, "--method", "elimination")
+    answer = do("identify", "two_link_elastic", path, "--method", "two-step")
     assert "log.short-alignment" in find_codes(answer)
     assert answer["result"]["alignment"] is None
 
 
 def test_the_cutoff_and_the_ends_of_elastic_joints_are_those_asked_for(experiment):
-    call = ("identify", "two_link_elastic", experiment, "--method", "linear-spring")
+    call = ("identify", "two_link_elastic", experiment, "--method", "two-step")
     plain = do(*call)
     assert plain["result"]["settings"]["cutoff"] is None
     answer = do(*call, "--cutoff", "15", "--drop-first", "3000", "--drop-last", "2000")
@@ -194,9 +195,9 @@ def test_the_cutoff_and_the_ends_of_elastic_joints_are_those_asked_for(experimen
 @pytest.mark.parametrize(
     ("method", "options", "name"),
     [
-        ("elimination", ["--decimate", "3"], "decimation.factor (--decimate)"),
-        ("elimination", ["--set", "processing.standstill=1"], "standstill"),
-        ("elimination", ["--set", "processing.noise_freedom=one"], "noise_freedom"),
+        ("two-step", ["--decimate", "3"], "decimation.factor (--decimate)"),
+        ("two-step", ["--set", "processing.standstill=1"], "standstill"),
+        ("two-step", ["--set", "processing.noise_freedom=one"], "noise_freedom"),
         ("stiffness", ["--cutoff", "30"], "filter_cutoff (--cutoff)"),
     ],
 )
@@ -208,7 +209,7 @@ def test_settings_without_a_meaning_for_elastic_joints_are_refused(two_sided, me
 
 
 def test_cutting_off_all_of_an_elastic_log_is_refused(two_sided):
-    call = ("identify", "two_link_elastic", two_sided, "--method", "elimination")
+    call = ("identify", "two_link_elastic", two_sided, "--method", "two-step")
     assert refuse(*call, "--drop-first", "5990", "--drop-last", "8") == (3, ["log.too-short"])
 
 
@@ -225,7 +226,7 @@ def strict_arm(tmp_path):
 
 
 def test_settings_of_the_robot_file_are_used_or_told(strict_arm, experiment):
-    answer = do("identify", strict_arm, experiment, "--method", "linear-spring")
+    answer = do("identify", strict_arm, experiment, "--method", "two-step")
     assert answer["result"]["settings"]["cutoffs"] == [22.0]
     assert find_texts(answer, "identify.unused-processing").startswith("[processing] standstill, decimation:")
     assert "log.cut" in find_codes(answer)
@@ -248,7 +249,7 @@ def make_late(path, target, delay, rate=1000):
 
 def test_a_delay_beyond_the_search_is_refused(experiment, tmp_path):
     late = make_late(experiment, tmp_path / "late.npz", 0.15)
-    for method in ("elimination", "stiffness"):
+    for method in ("two-step", "stiffness"):
         assert refuse("identify", "two_link_elastic", late, "--method", method) == (3, ["log.delay-beyond"])
 
 
@@ -269,7 +270,7 @@ def test_without_a_delay_none_is_told(capsys, tmp_path):
     captured = capsys.readouterr()
     assert re.search(r"offsets .* 0\.5\b", " ".join(captured.err.split()))
     assert " 0 ms" not in captured.err
-    answer = do("identify", "two_link_elastic", path, "--method", "elimination")
+    answer = do("identify", "two_link_elastic", path, "--method", "two-step")
     offsets = answer["result"]["alignment"]["offsets"][0]["offsets"]
     assert all(value == pytest.approx(-0.5, abs=3e-4) for value in offsets.values())
     worst = max(
@@ -314,7 +315,7 @@ def test_a_robot_with_a_rigid_joint_has_springs_where_joints_are_elastic(experim
     first, last = text.rindex("[joint.elasticity]"), text.rindex("[joint.limits]")
     robot = tmp_path / "mixed.toml"
     robot.write_text(text[:first] + text[last:], encoding="utf-8")
-    code, answer = ask("identify", robot, experiment, "--method", "weighted")
+    code, answer = ask("identify", robot, experiment, "--method", "nlp")
     assert code in (0, 1)
     assert [entry["joint"] for entry in answer["result"]["springs"]] == ["shoulder"]
     # Its elbow gives, which the file denies.

@@ -182,7 +182,6 @@ def test_no_low_velocities_get_no_stribeck_velocity(axis_log):
     ("options", "code", "hint"),
     [
         ((*LAW, "--model", "stribek"), "usage.unknown-friction-law", "did you mean stribeck"),
-        ((*LAW, "--estimator", "varpo"), "usage.friction-estimator", "did you mean varpro"),
         ((*LAW, "--estimator", "ols"), "usage.friction-estimator", "choose one of varpro, nlp"),
         ((*LAW, "--method", "nlp"), "usage.mixed-options", "--method"),
         ((*LAW, "--lambda", "3"), "usage.mixed-options", "--lambda"),

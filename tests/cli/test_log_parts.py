@@ -160,7 +160,17 @@ def test_friction_and_springs_take_parts_too(folder, tmp_path):
         assert ("validate.fitted-log" in list_codes(answer)) is fitted
     springs, log = tmp_path / "springs.json", tmp_path / "elastic.npz"
     do("simulate", "two_link_elastic", "--duration", "6", "-o", log)
-    call = ("identify", "two_link_elastic", log, "--method", "linear-spring", "--train", "0:60%")
+    call = (
+        "identify",
+        "two_link_elastic",
+        log,
+        "--method",
+        "two-step",
+        "--thresholds",
+        "0",
+        "--train",
+        "0:60%",
+    )
     assert ask(*call, "-o", springs)[0] in {0, 1}
     for part, fitted in (("60:", False), ("40:", True)):
         # A linear spring leaves most of what these elastic joints do.

@@ -185,14 +185,11 @@ CALLS = {
     "elastic-tb": "simulate two_link_elastic --trajectory tb --duration 6 -o tb.npz",
     "elastic-tc": "simulate two_link_elastic --trajectory tc --duration 6 --delay 0.002 -o tc.npz",
     "elastic-automatic": f"{ELASTIC} -o elastic-automatic.json",
-    "elastic-linear-spring": f"{ELASTIC} --method linear-spring -o elastic-linear-spring.json",
-    "elastic-weighted": f"{ELASTIC} --method weighted --thresholds 4 --knees 2",
-    **{
-        f"elastic-{name}": f"{ELASTIC} --method {name}"
-        for name in ("two-step", "elimination", "nlp", "independent")
-    },
+    "elastic-nlp": f"{ELASTIC} --method nlp",
+    "elastic-two-step": f"{ELASTIC} --method two-step -o elastic-two-step.json",
+    "elastic-grids": f"{ELASTIC} --method two-step --thresholds 4 --knees 2",
     "elastic-validate": "validate two_link_elastic elastic-automatic.json tc.npz",
-    "elastic-tracking": "validate two_link_elastic elastic-linear-spring.json tc.npz --tracking",
+    "elastic-tracking": "validate two_link_elastic elastic-two-step.json tc.npz --tracking",
     "elastic-report": "report elastic-automatic.json -o elastic.html",
     "elastic-export": "export two_link_elastic elastic-automatic.json -o elastic.toml",
     "demo": "demo -o demo",

@@ -4,8 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
+import symid
+from symid.api.fit import build_dynamics_fit
 from symid.codegen.cache import prepare_library
 from symid.excitation.trajectories import build_ta, scale_trajectory
+from symid.identification import prepare_elastic_methods
 from symid.identification.elastic.identify import prepare_methods
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import build_elastic_problem, prepare_elastic_signals
@@ -49,7 +52,15 @@ def build(library, recordings, options):
     )
 
 
-def identify_elastic(library, recordings, options=None, *, echo=None):
-    """Return the estimate by the method of the options."""
-    options = options or ElasticOptions()
-    return prepare_methods(library, recordings, options, echo=echo)(options.method)
+def identify_elastic(library, recordings, options=None, *, method="automatic", echo=None):
+    """Return the estimate by a method."""
+    return prepare_methods(library, recordings, options or ElasticOptions(), echo=echo)(method)
+
+
+def identify_by(robot, logs, method, *, friction=None, options=None, **given):
+    """Return what `robot.identify` gives, by any method of the automatic choice."""
+    order = replace(options or symid.IdentifyOptions(), **given)
+    described, recordings = robot._gather(logs, (), friction, None)
+    named = friction is not None
+    identify = prepare_elastic_methods(described, recordings, order, robot.context, named=named)
+    return build_dynamics_fit(identify(method), robot)

@@ -15,7 +15,6 @@ from symid.excitation.trajectories import (
     build_tb,
     scale_trajectory,
 )
-from symid.identification.elastic.estimate import compute_elimination_bound
 from symid.identification.elastic.identify import warn_of_fit
 from symid.identification.elastic.methods import (
     AUTOMATIC_METHODS,
@@ -33,6 +32,7 @@ from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from symid.logs.recording import cut_recording
 from symid.robot.toml_reader import read_robot
 from symid.simulation.experiment import build_noisy_options, observe, simulate_elastic
+from symid.study.elastic_methods import compute_elimination_bound
 from tests.recovery.elastic_runs import find_error, find_truth, identify_elastic, run_arm
 from tests.refusals import raises, tell
 
@@ -128,7 +128,7 @@ def test_the_choice_from_noisy_data_alone_is_good(arm, run, estimate):
 
 def test_deviations_cover_the_truth_and_are_not_below_the_bound(arm, run, exact):
     """The bound is that of methods that know nothing of the springs, as the weighted elimination."""
-    estimate = identify_elastic(arm[1], [run.recording], ElasticOptions(method="weighted"))
+    estimate = identify_elastic(arm[1], [run.recording], method="weighted")
     truth = find_truth(arm[1])
     deviations = np.array([entry.std for entry in estimate.parameters])
     assert np.all(np.abs(values(estimate) - truth) < 5.0 * deviations)
@@ -181,17 +181,8 @@ def test_the_bound_is_that_of_torque_rows_with_true_accelerations(arm, exact):
     assert np.allclose(np.sqrt(np.diag(found)), expected, rtol=1e-3)
 
 
-def test_one_cost_can_be_asked_for_and_keeps_to_its_grid(arm):
-    clean = run_arm(*arm, duration=8.0)
-    options = ElasticOptions(method="two-step", scheme="same-cost", knees=0, stops=4)
-    found = identify_elastic(arm[1], [clean.recording], options)
-    assert found.method == "same-cost"
-    assert len(found.history) > 6
-    assert find_error(values(found), find_truth(arm[1])) < 0.1
-
-
 def test_no_stops_and_no_knees_are_a_linear_spring(arm, run):
-    found = identify_elastic(arm[1], [run.recording], ElasticOptions(method="weighted", stops=0, knees=0))
+    found = identify_elastic(arm[1], [run.recording], ElasticOptions(stops=0, knees=0), method="weighted")
     for spring in (entry.elasticity for entry in found.springs):
         assert (spring.stops, spring.knees, spring.branches, spring.cubic) == ((), (), (), 0.0)
 
@@ -199,7 +190,7 @@ def test_no_stops_and_no_knees_are_a_linear_spring(arm, run):
 def test_options_of_the_one_shot_problem_reach_it(tmp_path, arm, run):
     """Rows, Stribeck friction and odd springs can be asked for; the result says so."""
     nlp = NlpOptions(rows=("filtered",), stribeck=True, smoothing=0.01, odd=True, rounds=0)
-    found = identify_elastic(arm[1], [run.recording], ElasticOptions(method="nlp", nlp=nlp))
+    found = identify_elastic(arm[1], [run.recording], ElasticOptions(nlp=nlp), method="nlp")
     assert (found.settings["nlp"]["rows"], found.settings["nlp"]["stribeck"]) == (["filtered"], True)
     # The arm has none.
     told = [notice.text for notice in found.notices if notice.code == "elastic.stribeck"]
@@ -262,7 +253,7 @@ def test_logs_that_tell_no_robot_are_refused(arm, run, *, case, error, codes, ma
 def test_a_joint_without_visible_torsion_is_said_and_the_other_is_found(
     arm, run, *, case, method, code, match
 ):
-    found = identify_elastic(arm[1], [spoil(run, case)], ElasticOptions(method=method))
+    found = identify_elastic(arm[1], [spoil(run, case)], method=method)
     (told,) = (notice.text for notice in found.notices if notice.code == code)
     assert re.search(match, told)
     hidden = int("elbow" in case)
@@ -283,7 +274,7 @@ def test_what_a_joint_at_rest_hides_is_refused_by_name(tmp_path, arm, run, noise
         motor_position=np.column_stack([run.theta[:, 0], still[1]]),
     )
     method = "automatic" if noise == 0.0 else "weighted"
-    found = identify_elastic(arm[1], [recording], ElasticOptions(method=method))
+    found = identify_elastic(arm[1], [recording], method=method)
     assert [name for name, _ in found.refused] == ["IA2", "Fv2", "Fc2", "spring of elbow"]
     stds = {entry.name: entry.std for entry in found.parameters}
     assert {name for name, std in stds.items() if not np.isfinite(std)} == {"IA2", "Fv2", "Fc2"}
@@ -297,18 +288,18 @@ def test_what_a_joint_at_rest_hides_is_refused_by_name(tmp_path, arm, run, noise
 @pytest.mark.parametrize("case", ["torque reversed", "sides swapped"])
 def test_springs_that_explain_nothing_are_refused(arm, run, method, case):
     with raises(IdentifiabilityError, "elastic.no-spring", "elastic.no-spring"):
-        identify_elastic(arm[1], [spoil(run, case)], ElasticOptions(method=method))
+        identify_elastic(arm[1], [spoil(run, case)], method=method)
 
 
 @pytest.mark.parametrize(("joint", "hidden"), [(0, {"Fv2", "Fc2"}), (1, {"Fv1", "Fc1"})])
 def test_what_the_motion_of_one_joint_does_not_tell_is_refused(arm, joint, hidden):
     slow = run_arm(*arm, build_tb(joint), noisy=True, duration=20.0, seed=1)
-    found = identify_elastic(arm[1], [slow.recording], ElasticOptions(method="weighted"))
+    found = identify_elastic(arm[1], [slow.recording], method="weighted")
     assert {name for name, _ in found.refused} == hidden
     stated = {entry.name: (f"{entry.std:.3g}", f"{entry.value:.3g}") for entry in found.parameters}
     assert all(number in reason for name, reason in found.refused for number in stated[name])
     assert "elastic.not-identifiable" in {notice.code for notice in found.notices}
-    doubts = identify_elastic(arm[1], [slow.recording], ElasticOptions(method="two-step", iterations=2))
+    doubts = identify_elastic(arm[1], [slow.recording], ElasticOptions(iterations=2), method="two-step")
     expected = {"elastic.outcome", *["elastic.poorly-identifiable"][joint:]}
     assert expected <= {notice.code for notice in doubts.notices}
     # What is kept is right; what is refused need not be.
@@ -322,9 +313,9 @@ def test_energy_rows_of_many_joints_are_warned_of(robots_folder):
     motion = build_random_fourier(robot, rng, FourierOptions(duration=6.0, base_frequency=1.0 / 6.0))
     log = simulate_elastic(robot, library, motion, build_noisy_options(), rng).recording
     for method in ("linear-spring", "two-step", "weighted"):
-        options = ElasticOptions(method=method, iterations=2, refine=False)
+        options = ElasticOptions(iterations=2, refine=False)
         try:
-            notices = identify_elastic(library, [log], options).notices
+            notices = identify_elastic(library, [log], options, method=method).notices
         except IdentifiabilityError as error:
             # All springs may be refused then, and the reason is said all the same.
             notices = error.notices
@@ -336,7 +327,7 @@ def test_rows_that_begin_before_stops_have_settled_are_said(arm):
     """Motion that grows: the largest torsion comes last, long after a quarter of the log."""
     growing = replace(scale_trajectory(build_ta(), 3.0), decay=np.full(2, -0.2))
     late = run_arm(*arm, growing, duration=12.0)
-    found = identify_elastic(arm[1], [late.recording], ElasticOptions(method="weighted"))
+    found = identify_elastic(arm[1], [late.recording], method="weighted")
     # The stop, when its state is known, and when rows begin.
     told = tell(found.notices)["elastic.not-converged"]
     assert re.search(r"stop at 0\.\d+ rad .* [0-9.]+ s .* 3 s:", told)

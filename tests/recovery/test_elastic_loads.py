@@ -8,6 +8,7 @@ import pytest
 
 import symid
 from symid.errors import UsageError
+from tests.recovery.elastic_runs import identify_by
 from tests.refusals import raises
 
 INERTIA, MOMENT, ROTOR, STIFFNESS, GRAVITY = 0.6, 1.4, 0.25, 900.0, 9.81
@@ -71,7 +72,7 @@ def robot(load_text):
 
 def identify(robot, **options):
     log = symid.build_log(robot, **record(0.0, noise=0.01, load=options.pop("load", False)))
-    return robot.identify(log, **options, options=LINEAR)
+    return identify_by(robot, log, options.pop("method"), **options, options=LINEAR)
 
 
 @pytest.mark.parametrize("load", [False, True])
@@ -94,7 +95,7 @@ def test_another_log_is_predicted_with_its_own_load(robot, tmp_path):
 def test_an_offset_of_the_links_encoder_is_found_in_spite_of_the_load(robot):
     channels = record(0.0, noise=0.01)
     channels["q"] = channels["q"] + 0.004
-    fit = robot.identify(symid.build_log(robot, **channels), method="weighted", options=LINEAR)
+    fit = identify_by(robot, symid.build_log(robot, **channels), "weighted", options=LINEAR)
     assert abs(fit.alignment.offsets[0, 0]) == pytest.approx(0.004, rel=0.05)
     for name in ("ZZ1", "MX1", "Fl1"):
         assert fit[name].value == pytest.approx(TRUTH[name], rel=0.02), name

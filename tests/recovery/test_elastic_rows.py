@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from symid.errors import UsageError
-from symid.identification.elastic.estimate import compute_elimination_bound, compute_spring_bound
 from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import (
     ElasticSignals,
@@ -19,6 +18,7 @@ from symid.identification.elastic.regression import (
 from symid.identification.hysteresis import filter_smooth
 from symid.joint_models.hysteresis import Stop
 from symid.logs.signals import differentiate
+from symid.study.elastic_methods import compute_elimination_bound, compute_spring_bound
 from tests.recovery.elastic_runs import find_truth, run_arm
 from tests.refusals import raises
 

@@ -13,7 +13,7 @@ from symid.identification.elastic.regression import DriveEffect, prepare_elastic
 from symid.joint_models import run_element
 from symid.study.foreign_plant import simulate_plant_runs
 from symid.study.foreign_truths import ARMS, build_motions, build_truth, observe_plant, write_arm
-from tests.recovery.elastic_runs import identify_elastic, run_arm
+from tests.recovery.elastic_runs import identify_by, identify_elastic, run_arm
 
 TRUTH = {"ZZR1": 1.16, "MXR1": 3.0, "MY1": 0.0, "ZZ2": 0.35, "MX2": 0.8, "MY2": 0.0, "IA1": 0.8, "IA2": 0.25}
 SIZES = {**TRUTH, "MY1": 3.0, "MY2": 0.8}
@@ -150,7 +150,7 @@ def test_friction_of_motors_that_the_robot_file_does_not_state(unknown, tmp_path
         taken = [joint.friction.law for joint in symid.load(tmp_path / "arm.toml").description.axes]
         assert taken == [law.law for law in fit.estimate.laws]
         # A law that the call names stays.
-        named = robot.identify(logs[:1], friction="coulomb-viscous", method="weighted")
+        named = identify_by(robot, logs[:1], "weighted", friction="coulomb-viscous")
         assert named.estimate.laws == ()
 
 
@@ -166,7 +166,7 @@ def test_nothing_is_found_in_an_arm_without_effects(arm, run, duration):
     assert measure_effects(arm[1], [signals], 60.0, np.zeros(2)) == ()
     robot = symid.load("two_link_elastic")
     log = robot.simulate(duration=duration, seed=1).log
-    assert robot.identify([log], options=symid.IdentifyOptions(method="weighted")).estimate.effects == ()
+    assert identify_by(robot, [log], "weighted").estimate.effects == ()
 
 
 def test_ripple_and_lag_are_found_and_taken_off(arm, run):
@@ -178,15 +178,15 @@ def test_ripple_and_lag_are_found_and_taken_off(arm, run):
     # A held torque acts on average half a period after its sample.
     torque[:, 1] += np.interp(time + late + 0.5e-3, time, ripple)
     changed = replace(run.recording, torque=torque)
-    estimate = identify_elastic(arm[1], [changed], ElasticOptions(method="weighted"))
+    estimate = identify_elastic(arm[1], [changed], method="weighted")
     found = find_effect(estimate, "torque-ripple", joint=1)
     assert found.order == pytest.approx(160.0, abs=0.1)
     assert np.hypot(*found.values) == pytest.approx(np.hypot(0.3, 0.2), rel=0.1)
     total = find_effect(estimate, "torque-lag")
     assert total.values[0] == pytest.approx(late + 0.5e-3, abs=5.0 * total.deviations[0])
-    left = identify_elastic(arm[1], [changed], ElasticOptions(method="weighted", effects=False))
+    left = identify_elastic(arm[1], [changed], ElasticOptions(effects=False), method="weighted")
     assert left.effects == ()
-    plain = identify_elastic(arm[1], [run.recording], ElasticOptions(method="weighted"))
+    plain = identify_elastic(arm[1], [run.recording], method="weighted")
     for own, other in zip(estimate.parameters, plain.parameters, strict=True):
         assert abs(own.value - other.value) < 3.0 * max(own.std, other.std)
 

@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from symid.identification.friction.estimators import fit_friction
-from symid.identification.friction.joint_fit import compute_cramer_rao
 from symid.joint_models.friction_catalogue import build_stribeck, get_law
-from symid.study.friction_protocols import ESTIMATORS, RACERS
+from symid.study.friction_protocols import ESTIMATORS, RACERS, compute_cramer_rao
 from tests import frictions
 from tests.frictions import NOISE_S2, RV_2SQ, TABLE_1, TABLE_3, build_cosines, draw_s1, draw_s2, draw_samples
 

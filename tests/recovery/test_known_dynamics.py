@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import symid
+from tests.recovery.elastic_runs import identify_by
 from tests.recovery.written_out_arm import DYNAMICS, LINKS, TRUTH, build, simulate
 
 FRICTION = ("Fv1", "Fc1", "Fv2", "Fc2")
@@ -46,7 +47,7 @@ def log(mixed):
     "method", ["automatic", "linear-spring", "two-step", "elimination", "weighted", "nlp"]
 )
 def test_what_is_known_stays_and_the_rest_is_found(mixed, log, folder, method):
-    fit = mixed.identify(log, known=draw(folder), method=method)
+    fit = identify_by(mixed, log, method, known=draw(folder))
     for name, value in LINKS.items():
         assert fit[name].value == pytest.approx(value, abs=1e-12)
         assert fit[name].std == 0.0
@@ -61,13 +62,13 @@ def test_what_is_known_stays_and_the_rest_is_found(mixed, log, folder, method):
 
 
 def test_what_is_known_makes_the_rest_surer(mixed, log, folder):
-    plain = mixed.identify(log, method="weighted")
-    fit = mixed.identify(log, method="weighted", known=symid.load(draw(folder)))
+    plain = identify_by(mixed, log, "weighted")
+    fit = identify_by(mixed, log, "weighted", known=symid.load(draw(folder)))
     assert fit["IA1"].std < 0.5 * plain["IA1"].std
-    again = mixed.identify(log, method="weighted", known=plain)
+    again = identify_by(mixed, log, "weighted", known=plain)
     assert all(again[name].value == plain[name].value for name in DYNAMICS)
     saved = plain.save(folder / "plain.json")
-    assert mixed.identify(log, method="weighted", known=saved).values == again.values
+    assert identify_by(mixed, log, "weighted", known=saved).values == again.values
     # Columns that are known stand for themselves, whatever the rest of the rows says.
     np.testing.assert_allclose(
         [again[name].value for name in FRICTION], [plain[name].value for name in FRICTION], rtol=1e-6
@@ -76,20 +77,20 @@ def test_what_is_known_makes_the_rest_surer(mixed, log, folder):
 
 def test_a_rotor_of_a_data_sheet_is_known_by_its_file_or_name(mixed, log, folder):
     path = draw(folder, "sheet", rotors=(0.2, 0.06))
-    fit = mixed.identify(log, known=path, method="weighted")
+    fit = identify_by(mixed, log, "weighted", known=path)
     assert (fit["IA1"].value, fit["IA1"].std) == (0.2, 0.0)
-    named = mixed.identify(log, known={"IA1": 0.2}, method="weighted")
+    named = identify_by(mixed, log, "weighted", known={"IA1": 0.2})
     assert (named["IA1"].value, named["IA1"].std) == (0.2, 0.0)
     assert named["ZZR1"].std > 0.0
-    same = mixed.identify(log, options=symid.IdentifyOptions(known={"IA1": 0.2}, method="weighted"))
+    same = identify_by(mixed, log, "weighted", options=symid.IdentifyOptions(known={"IA1": 0.2}))
     assert same.values == named.values
     assert same.estimate.settings["known"] == {"IA1": 0.2}
 
 
 def test_an_export_is_known_to_its_own_robot(mixed, log, folder):
-    fit = mixed.identify(log, method="weighted", known={"MX2": 0.3})
+    fit = identify_by(mixed, log, "weighted", known={"MX2": 0.3})
     path = fit.export(folder / "out.toml").file
-    again = mixed.identify(log, known=path, method="weighted")
+    again = identify_by(mixed, log, "weighted", known=path)
     assert again["IA1"].std == 0.0
     # What was known moves least where bodies must be physical.
     assert symid.load(path).base.values["MX2"] == pytest.approx(0.3, rel=1e-6)
@@ -113,7 +114,7 @@ def test_values_that_the_logs_contradict_are_told_and_judged(mixed, log, folder)
 def test_what_a_drawing_lacks_is_identified(mixed, log, folder):
     """A drawing has no rotors: what they are a part of stays open."""
     path = draw(folder, "links", rotors=(None, None))
-    fit = mixed.identify(log, known=path, method="weighted")
+    fit = identify_by(mixed, log, "weighted", known=path)
     assert fit["IA2"].std > 0.0
     assert fit["IA2"].value == pytest.approx(TRUTH["IA2"], rel=0.02)
     assert fit["ZZR1"].std == fit["ZZ2"].std == 0.0
@@ -126,7 +127,7 @@ def test_noise_that_is_not_white_is_no_contradiction(mixed, folder):
     for k, draws in enumerate(rng.normal(size=torque.shape)[1:], start=1):
         drift[k] = 0.97 * drift[k - 1] + draws
     noisy = torque + 0.02 * np.std(torque, axis=0) * drift / np.std(drift, axis=0)
-    fit = mixed.identify(build(mixed, (time, motor, link, noisy)), known=draw(folder), method="weighted")
+    fit = identify_by(mixed, build(mixed, (time, motor, link, noisy)), "weighted", known=draw(folder))
     assert fit.estimate.evidence.known < 1.0
 
 
@@ -141,7 +142,7 @@ def test_noise_that_is_not_white_is_no_contradiction(mixed, folder):
 )
 def test_values_that_cannot_be_are_refused(mixed, log, known, text):
     with pytest.raises(symid.UsageError, match=text):
-        mixed.identify(log, known=known, method="weighted")
+        identify_by(mixed, log, "weighted", known=known)
 
 
 def test_what_is_no_model_of_this_robot_is_refused(mixed, log, folder):

@@ -9,6 +9,7 @@ from symid.identification.elastic.methods import AUTOMATIC_METHODS
 from symid.identification.hysteresis import ElementPath, choose_spring
 from symid.joint_models import Elasticity, run_element
 from symid.study.foreign_truths import _prepare_scene, observe_plant
+from tests.recovery.elastic_runs import identify_by
 from tests.recovery.written_out_arm import TRUTH, build, simulate
 
 
@@ -61,8 +62,8 @@ def test_an_asymmetric_spring_of_another_plant_is_found():
 
 def test_rigid_joints_and_known_dynamics(mixed):
     log = build(mixed, simulate(12.0, 3))
-    plain = mixed.identify(log, method="weighted")
-    fit = mixed.identify(log, method="simultaneous", known={"IA1": TRUTH["IA1"]})
+    plain = identify_by(mixed, log, "weighted")
+    fit = identify_by(mixed, log, "simultaneous", known={"IA1": TRUTH["IA1"]})
     assert fit["IA1"].std == 0.0
     for entry in fit.estimate.parameters:
         assert abs(entry.value - TRUTH[entry.name]) <= 4.0 * entry.std, entry

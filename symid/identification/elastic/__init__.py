@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from symid.identification.elastic import nlp as nlp
     from symid.identification.elastic.elimination import (
+        compute_speeds as compute_speeds,
         fit_elimination as fit_elimination,
-        fit_independent as fit_independent,
     )
     from symid.identification.elastic.estimate import (
         ElasticEstimate as ElasticEstimate,
@@ -14,8 +14,7 @@ if TYPE_CHECKING:
         HistoryEntry as HistoryEntry,
         MethodFit as MethodFit,
         SpringEstimate as SpringEstimate,
-        compute_elimination_bound as compute_elimination_bound,
-        compute_spring_bound as compute_spring_bound,
+        build_method_fit as build_method_fit,
         name_friction as name_friction,
     )
     from symid.identification.elastic.identify import (
@@ -23,6 +22,8 @@ if TYPE_CHECKING:
         prepare_methods as prepare_methods,
     )
     from symid.identification.elastic.methods import (
+        AUTOMATIC_METHODS as AUTOMATIC_METHODS,
+        Maker as Maker,
         build_elastic_equations as build_elastic_equations,
         choose_fit as choose_fit,
         fit_method as fit_method,
@@ -33,12 +34,19 @@ if TYPE_CHECKING:
         NlpOptions as NlpOptions,
     )
     from symid.identification.elastic.regression import (
+        MOVES as MOVES,
         DriveEffect as DriveEffect,
+        ElasticProblem as ElasticProblem,
         ElasticSignals as ElasticSignals,
         build_elastic_problem as build_elastic_problem,
+        build_equations as build_equations,
+        build_filtered_rows as build_filtered_rows,
+        build_spring_data as build_spring_data,
+        filter_derivative as filter_derivative,
         get_encoder_positions as get_encoder_positions,
         join_rigid_joints as join_rigid_joints,
         prepare_elastic_signals as prepare_elastic_signals,
+        solve_with_signs as solve_with_signs,
     )
     from symid.identification.elastic.routing import (
         build_motor_recording as build_motor_recording,

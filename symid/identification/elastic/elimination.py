@@ -2,21 +2,15 @@
 
     elimination  [Y_link | Y_motor] chi = F[tau]
     band         d/dt G[Yp] beta - G[YL] beta + IA d/dt G[dtheta] + G[Yf] f = G[tau],  G a zero-phase low-pass
-    independent  dynamics from motions of all joints together; then the hysteresis of each joint from slow
-                 motions of that joint alone: its torque from the motor equation, its torsion by the link
-                 encoder or, on the motor side,
-                 phi <- phi + G' (G G' + mu 1)^-1 (link(theta - phi) - tau_J),  G = d gravity / dq
 
-The hysteresis is fitted afterwards on the joint torque that these dynamics leave. `independent` is a
-reconstruction of published procedures, no copy.
+The hysteresis is fitted afterwards on the joint torque that these dynamics leave.
 
-Supported: both encoders; friction that is linear in its parameters; recordings of one kind only, which
-then serve both steps of `independent`.
-Not supported: encoder noise as large as torque noise within the band; the motor side without gravity.
+Supported: both encoders; friction that is linear in its parameters.
+Not supported: encoder noise as large as torque noise within the band.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -26,12 +20,10 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard
-from symid.errors import Notice
 from symid.identification.elastic import regression
 from symid.identification.elastic.estimate import MethodFit, build_method_fit, compute_covariance
-from symid.identification.hysteresis import filter_smooth
 from symid.identification.judge import POLICY, adjust_chances, numerics
-from symid.logs import Recording, differentiate_smooth, estimate_density, low_pass
+from symid.logs import Recording, differentiate_smooth, estimate_density
 from symid.robot import Processing
 
 
@@ -243,93 +235,3 @@ def _compute_chance(fit: BandFit, other: BandFit) -> float:
 
 _OPEN = 1e-3
 """Of a variance: what it is less by in a fit of more rows, below which these told nothing further."""
-_DAMPING = 0.1
-"""mu relative to the largest squared singular value of G."""
-_SLOW = 0.5
-"""Hz; slow motions are below, the pendulums of arms above."""
-
-
-def split_recordings(signals: Sequence[regression.ElasticSignals]) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Return the recordings in which all joints move, and the others; all twice where a kind is missing."""
-    speeds = [compute_speeds([part]) for part in signals]
-    everything = tuple(range(len(signals)))
-    together = tuple(i for i in everything if np.all(speeds[i] > regression.MOVES * speeds[i].max()))
-    apart = tuple(i for i in everything if i not in together)
-    return together or everything, apart or everything
-
-
-def fit_independent(problem: regression.ElasticProblem, *, encoder: bool = False) -> MethodFit:
-    """Return the dynamics of the first procedure and the hysteresis of the second.
-
-    With `encoder` the torsion is taken from the link encoder too, in place of motor-side samples alone.
-    """
-    together, apart = split_recordings(problem.signals)
-    chi = regression.solve_with_signs(problem.library.card, *problem.stack_filtered(together), problem.known)
-    torsions = {
-        number: problem.signals[number].phi if encoder else estimate_virtual_torsion(problem, number, chi)
-        for number in apart
-    }
-    speeds = [compute_speeds([part]) for part in problem.signals]
-    springs = []
-    for joint in range(problem.sizes[1]):
-        moves = [i for i in apart if speeds[i][joint] > regression.MOVES * speeds[i].max()]
-        used = moves or list(apart)
-        signals, rows = [problem.signals[i] for i in used], [problem.filtered[i] for i in used]
-        parts = [np.ascontiguousarray(torsions[number][:, joint]) for number in used]
-        data = regression.build_spring_data(problem.options, joint, parts, signals, rows)
-        target = np.concatenate([part.compute_motor_side(chi)[:, joint] for part in rows])
-        springs.append(problem.fit_spring(joint, data, target))
-    fit = build_method_fit("independent", chi, problem.sizes, tuple(springs))
-    if set(together) != set(apart):
-        return fit
-    text = (
-        "the method independent needs motions of all joints together for the dynamics and slow motions of "
-        "one joint at a time for the hysteresis; these logs are of one kind, which was used for both"
-    )
-    return replace(fit, notices=(Notice(code="elastic.one-kind", text=text),))
-
-
-def estimate_virtual_torsion(problem: regression.ElasticProblem, number: int, chi: FloatArray) -> FloatArray:
-    """Return the torsion (N, n) of recording `number` from motor-side samples and chi alone.
-
-    First where gravity's gradient is large; the linear spring that this gives stands in elsewhere.
-    """
-    library, signals, rate = problem.library, problem.signals[number], problem.options.filter_rate
-    beta = chi[: problem.sizes[0]]
-    rows = regression.build_filtered_rows(library, replace(signals, settled=0), rate)
-    step = rows.keep.step
-    theta, period, torque = signals.theta[::step], signals.period * step, rows.compute_motor_side(chi)
-    # d g / dq (M, n, n) by central differences of the torque at rest.
-    turn, rest, columns = 1e-4, np.zeros_like(theta), []
-    for shift in turn * np.eye(theta.shape[1]):
-        (ahead,) = library.evaluate("lagrange_regressor", theta + shift, rest)
-        (behind,) = library.evaluate("lagrange_regressor", theta - shift, rest)
-        columns.append((behind @ beta - ahead @ beta) / (2.0 * turn))
-    gradient = np.stack(columns, axis=2)
-    root = gradient.transpose(0, 2, 1)
-    damping = _DAMPING * float(np.linalg.norm(gradient, ord=2, axis=(1, 2)).max()) ** 2
-    gain = root @ np.linalg.inv(gradient @ root + damping * np.eye(problem.sizes[1]))
-    phi = np.zeros_like(theta)
-    sizes = np.maximum(np.linalg.norm(torque, axis=0), numerics.TINY)
-    for prior in (False, True):
-        if prior:
-            # The linear springs that fit best, most of all where gravity's gradient is large.
-            slopes = np.diagonal(gradient, axis1=1, axis2=2) ** 2
-            moved = np.maximum(np.sum(slopes * torque**2, axis=0), numerics.TINY)
-            phi = torque * np.maximum(np.sum(slopes * phi * torque, axis=0) / moved, 0.0)
-        left = np.inf
-        for _ in range(numerics.ROUNDS):
-            q = theta - phi
-            dq = differentiate_smooth(q, period)
-            (momentum,) = library.evaluate("momentum_regressor", q, dq)
-            (lagrange,) = library.evaluate("lagrange_regressor", q, dq)
-            link = regression.filter_derivative(momentum @ beta, rate, period)
-            link -= filter_smooth(lagrange @ beta, rate, period)
-            # Above a pendulum's frequency inertia outweighs gravity, and the fixed point would run away.
-            error = low_pass(link - torque, period=period, cutoff=_SLOW, order=2)
-            before, left = left, float(np.sum((error / sizes) ** 2))
-            if left >= before:
-                break
-            phi = phi + np.einsum("kij,kj->ki", gain, error)
-    full, grid = np.arange(len(signals.time)), np.arange(len(theta)) * step
-    return np.column_stack([np.interp(full, grid, torsion) for torsion in phi.T])

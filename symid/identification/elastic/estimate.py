@@ -1,50 +1,38 @@
-"""Results of elastic joints, and how uncertain they are: from the rows of a fit, and the Cramer-Rao bounds.
-
-    motor   IA ddtheta + F(dtheta) f + S w = tau + noise
-    link    Y beta - S w = 0                                     exact, as the states are
+"""Results of elastic joints, and how uncertain they are by the rows of a fit.
 
     springs   dw = J^+ (Y dbeta + e),   J = d F[spring] / dw, Y beta + e = F[spring]
 
-S are the derivatives of the springs' torque by all their numbers w. Springs follow the torque of the links,
-whose parameters have a covariance, and what they leave of it, e, is correlated in stretches. The bound is
-N (N' I N)^-1 N', N the null space of the link equations, I the information of the motor equations (Gorman and
-Hero 1990).
+Springs follow the torque of the links, whose parameters have a covariance, and what they leave of it, e, is
+correlated in stretches.
 
 Supported: residuals correlated over less than a hundredth of the rows (Liang and Zeger 1986); rows that do
 not identify all parameters, whose variance is then infinite; springs of stops and knees; several recordings.
 Not supported: the uncertainty of dynamics from springs that a fit took as given; numbers of springs that do
-not hold between samples, such as elements on grids; in bounds, cubic springs, damping, noise of the encoders.
+not hold between samples, such as elements on grids.
 """
 
 import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from typing import ClassVar, final
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays, compute_triangle
-from symid.codegen import Library, ModelCard
+from symid.arrays import FloatArray, FrozenArrays
+from symid.codegen import ModelCard
 from symid.errors import Notice
 from symid.identification.diagnostics import sum_block_scores
 from symid.identification.elastic import regression
-from symid.identification.elastic.options import ElasticOptions
 from symid.identification.estimators import DynamicsRecord, Residual
 from symid.identification.hysteresis import (
-    compute_slips,
-    compute_spring_slopes,
     differentiate_spring,
-    read_weights,
 )
 from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import RankRule, compute_spectrum
 from symid.ipopt import Ending
-from symid.joint_models import NO_FRICTION, Elasticity, compute_stop_basis, find_most_slope, get_law
-from symid.logs import differentiate
+from symid.joint_models import NO_FRICTION, Elasticity, find_most_slope, get_law
 from symid.serialization import Finite, keep_name
 
 
@@ -72,6 +60,7 @@ class MethodFit(FrozenArrays):
         history: of the iterations, the start first.
         covariance: (p + n + pf, p + n + pf) of `chi`, empty where the method has none; plain: what its rows
             alone say, before it was widened.
+        recordings: whose rows its dynamics come from; all where empty.
     """
 
     method: str
@@ -83,6 +72,7 @@ class MethodFit(FrozenArrays):
     outcome: Ending = Ending.SOLVED
     covariance: FloatArray | None = None
     plain: FloatArray | None = None
+    recordings: tuple[int, ...] = ()
     notices: tuple[Notice, ...] = ()
 
     @property
@@ -374,83 +364,3 @@ def measure_spring_spread(
 
 def _get_slope(spring: Elasticity) -> float:
     return find_most_slope(spring) if spring.branches else spring.initial_stiffness or 0.0
-
-
-def compute_elimination_bound(
-    library: Library, signals: Sequence[regression.ElasticSignals], noise: Sequence[FloatArray]
-) -> FloatArray:
-    """Return the least covariance (p + n + pf, p + n + pf) that an unbiased estimate of chi can have.
-
-    (sum_k Y_k' Sigma^-1 Y_k)^-1, Y the sum of motor and link equations: torque noise only, white, states
-    exact, nothing known of the springs (with their form known the bound is lower).
-
-    `signals` are the noise-free states of every recording, at the sample rate of the noisy ones, `noise` (n,)
-    the standard deviation of the torque noise of each, N m or N.
-    """
-    pairs = zip(signals, noise, strict=True)
-    weighted = np.concatenate([_build_exact(library, part) / sigma[:, None] for part, sigma in pairs])
-    rows = weighted.reshape(-1, weighted.shape[2])
-    information = rows.T @ rows
-    scales = np.sqrt(np.maximum(np.diag(information), numerics.TINY))
-    sizes = np.outer(scales, scales)
-    return np.asarray(np.linalg.inv(information / sizes) / sizes)
-
-
-def _build_exact(library: Library, part: regression.ElasticSignals) -> FloatArray:
-    """Return the columns (N, n, p + n + pf) at all samples of noise-free states."""
-    return regression.build_equations(library, part, partial(differentiate, period=part.period), np.asarray)
-
-
-_NULL = 1e-4
-"""Of the largest singular value of the link equations; integration leaves 1e-5, what is excited a hundred
-times more."""
-
-
-def compute_spring_bound(
-    library: Library, signals: Sequence[regression.ElasticSignals], noise: Sequence[FloatArray]
-) -> FloatArray:
-    """Return the least covariance (p + n + pf, p + n + pf) of chi where the form of the springs is known.
-
-    Arguments as those of `compute_elimination_bound`; the card states the true springs of all joints.
-    """
-    card = library.card
-    beta, count = len(card.beta), len(card.beta) + card.size + len(card.friction)
-    springs = [read_weights(spring) for spring in card.elasticity if spring is not None]
-    motor, link = [], []
-    for part, sigma in zip(signals, noise, strict=True):
-        # The derivatives (N, n, w) of the springs' torques by all their numbers.
-        parts = []
-        for joint, weights in enumerate(springs):
-            basis = compute_stop_basis(part.phi[:, joint], weights.thresholds)
-            slopes = compute_spring_slopes(basis, weights, compute_slips(basis, weights.thresholds))[:, :-1]
-            parts.append(np.zeros((len(basis), len(springs), slopes.shape[1])))
-            parts[-1][:, joint] = slopes
-        torques = np.concatenate(parts, axis=2)
-        drive = _build_exact(library, part)[:, :, beta:]
-        motor.append(np.concatenate([drive, torques], axis=2) / sigma[:, None])
-        # Of links and springs, integrated over windows.
-        add = partial(scipy.integrate.cumulative_trapezoid, dx=part.period, axis=0, initial=0.0)
-        ends = slice(None, None, max(1, round(ElasticOptions().window / part.period)))
-        links = regression.build_equations(library, part, np.asarray, add, ends)
-        link.append(np.concatenate([links[:, :, :beta], -add(torques)[ends]], axis=2))
-    motors, links = (
-        np.concatenate([rows.reshape(-1, rows.shape[2]) for rows in side])
-        for side in (motor, [np.diff(rows, axis=0) for rows in link])
-    )
-    # Directions of the null space, with columns scaled to one length.
-    lengths = np.linalg.norm(links, axis=0)
-    lengths = np.where(lengths > numerics.EXACT * float(lengths.max()), lengths, np.inf)
-    _, singular, directions = np.linalg.svd(compute_triangle(links / lengths))
-    hidden = directions[singular <= _NULL * singular[0]].T
-    null_space = hidden / np.where(np.isfinite(lengths), lengths, 1.0)[:, None]
-    # Columns: beta and springs as the link equations leave them, then rotors and friction.
-    driven = count - beta
-    ways = np.zeros((count + len(null_space) - beta, null_space.shape[1] + driven))
-    ways[:beta, :-driven], ways[count:, :-driven] = null_space[:beta], null_space[beta:]
-    ways[beta:count, -driven:] = np.eye(driven)
-    rows = np.hstack([np.zeros((len(motors), beta)), motors])
-    # The length that a column has unless its parts cancel: what cancels to rounding has no effect.
-    lengths = np.linalg.norm(np.linalg.norm(rows, axis=0)[:, None] * ways, axis=0)
-    lengths = np.where(lengths > 0.0, lengths, 1.0)
-    root = (ways[:count] / lengths) @ np.linalg.pinv(rows @ ways / lengths, rcond=numerics.CONVERGED)
-    return root @ root.T

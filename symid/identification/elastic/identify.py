@@ -246,12 +246,12 @@ def prepare_methods(
     echo: Mapping[str, object] | None = None,
     friction: Mapping[str, FrictionValues] | None = None,
     adopt: Callable[[Sequence[FittedLaw]], Library] | None = None,
-) -> Callable[[str], estimate.ElasticEstimate]:
-    """Return what identifies by a method of a name: equations are built, and every method fitted, once.
+) -> Callable[[str | methods.Maker], estimate.ElasticEstimate]:
+    """Return what identifies by "automatic" or as `fit_method`: equations are built, each fitted, once.
 
     `recordings` are one or more, each with the positions of motors and links; `echo` are further settings to
     keep with the result. Where that of joints surely is not their `friction`, `adopt` returns the functions
-    of the robot with other laws; laws stay where it is None. The method of the options does not count.
+    of the robot with other laws; laws stay where it is None.
 
     Raises:
         UsageError: the robot is not elastic, no recording is given, or windows or thresholds do not fit.
@@ -277,7 +277,7 @@ def prepare_methods(
         return methods.choose_springs(work, fit("weighted"), hidden)
 
     @cache
-    def fit(method: str) -> estimate.MethodFit:
+    def fit(method: str | methods.Maker) -> estimate.MethodFit:
         start = None
         if method == "simultaneous":
             start = spring()[0]
@@ -285,9 +285,9 @@ def prepare_methods(
             start = fit("weighted")
         return methods.fit_method(work, method, start)
 
-    def identify(method: str) -> estimate.ElasticEstimate:
-        stated, automatic = replace(options, method=method), method == "automatic"
-        names: tuple[str, ...] = methods.AUTOMATIC_METHODS if automatic else (method,)
+    def identify(method: str | methods.Maker) -> estimate.ElasticEstimate:
+        automatic = method == "automatic"
+        names: tuple[str | methods.Maker, ...] = methods.AUTOMATIC_METHODS if automatic else (method,)
         if automatic and any(kind not in ("", "linear") for kind in spring()[1]):
             # The one-shot problem has no such springs; a hidden torsion has none to rely on.
             names = tuple(name for name in names if name != "nlp")
@@ -306,9 +306,10 @@ def prepare_methods(
         # As JSON would give them back, with the cut-offs that were chosen.
         cutoffs = [part.cutoff for part in work.problem.signals]
         grid = [entry.tolist() for entry in work.problem.thresholds]
-        settings = {**(echo or {}), **asdict(stated), "cutoffs": cutoffs, "grid": grid}
+        stated = method if isinstance(method, str) else fits[0].method
+        settings = {**(echo or {}), "method": stated, **asdict(options), "cutoffs": cutoffs, "grid": grid}
         settings["rate"] = work.problem.options.filter_rate
-        left_out = {"nlp": stated.nlp == NlpOptions(), "known": not stated.known}
+        left_out = {"nlp": options.nlp == NlpOptions(), "known": not options.known}
         settings = {name: value for name, value in settings.items() if not left_out.get(name)}
         sources = [recording.source for recording in recordings]
         settings = json.loads(json.dumps(settings))

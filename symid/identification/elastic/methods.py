@@ -11,7 +11,6 @@ that takes its place for springs of other kinds, must first agree with the weigh
 C_w (Hausman 1978), up to what does not matter; friction near rest is not the same in their rows. What is
 left of a contradiction widens their deviations.
 
-Supported: all names of `METHODS`.
 Not supported: springs of other kinds inside the one-shot problem.
 """
 
@@ -35,6 +34,10 @@ from symid.logs import Recording, differentiate_smooth
 
 if TYPE_CHECKING:
     from symid.identification.elastic.nlp import NlpFit
+
+
+Maker = Callable[[regression.ElasticProblem], estimate.MethodFit]
+"""What makes dynamics and springs of equations."""
 
 
 class MethodCandidate(NamedTuple):
@@ -85,7 +88,7 @@ def predict_held_out(candidate: MethodCandidate, rows: elimination.BandRows) -> 
     return errors
 
 
-ENERGY_METHODS = ("linear-spring", "two-step", "same-cost")
+ENERGY_METHODS = ("linear-spring", "two-step")
 """The methods whose dynamics come from energy rows."""
 SPRUNG_METHODS = ("nlp", "simultaneous")
 """The methods whose dynamics rest on springs: they must not contradict those that need none."""
@@ -202,12 +205,13 @@ def build_elastic_equations(
 
 
 def fit_method(
-    work: ElasticEquations, method: str, start: estimate.MethodFit | None = None
+    work: ElasticEquations, method: str | Maker, start: estimate.MethodFit | None = None
 ) -> estimate.MethodFit:
     """Return dynamics and springs by one method, with the covariance of the dynamics.
 
-    What the rows do not identify has an infinite variance. "simultaneous" needs a `start` with springs of the
-    kinds wanted, "nlp" takes that of `fit_one_shot`.
+    `method` is one of `AUTOMATIC_METHODS`, "simultaneous", which needs a `start` with springs of the kinds
+    wanted ("nlp" takes that of `fit_one_shot`), or a function of the equations. What the rows do not identify
+    has an infinite variance.
     """
     problem = work.problem
     match method:
@@ -217,10 +221,8 @@ def fit_method(
             fit = _widen(work, together.fit_simultaneous(work.wide, problem, start))
         case "weighted":
             fit = _fit_weighted(work)
-        case "two-step" if problem.options.scheme == "same-cost":
-            fit = together.fit_alternation(problem)
         case _:
-            fit = _MAKERS[method](problem)
+            fit = (_MAKERS[method] if isinstance(method, str) else method)(problem)
     # Variances are infinite where the rows do not identify.
     rows = build_linear_rows(work, fit)
     if fit.covariance is None:
@@ -232,11 +234,10 @@ def fit_method(
     return _add_model_error(work, replace(fit, covariance=covariance))
 
 
-_MAKERS: dict[str, Callable[[regression.ElasticProblem], estimate.MethodFit]] = {
+_MAKERS: dict[str, Maker] = {
     "linear-spring": together.fit_linear_spring,
     "two-step": together.fit_two_step,
     "elimination": elimination.fit_elimination,
-    "independent": elimination.fit_independent,
 }
 
 
@@ -268,9 +269,7 @@ def build_linear_rows(work: ElasticEquations, fit: estimate.MethodFit) -> togeth
         times = [(np.arange(len(part.time)) / len(part.time))[rows.ends][:-1] for part, rows in pairs]
         right = problem.supplied - problem.compute_work(fit.elasticity)
         return together.LinearRows(problem.design, right, np.concatenate(times))
-    numbers: Sequence[int] = range(len(problem.signals))
-    if fit.method == "independent":
-        numbers = elimination.split_recordings(problem.signals)[0]
+    numbers = fit.recordings or range(len(problem.signals))
     design, torque = problem.stack_filtered(numbers)
     times = [np.repeat(together.list_row_times(problem, number), problem.sizes[1]) for number in numbers]
     return together.LinearRows(design.reshape(-1, design.shape[2]), torque.reshape(-1), np.concatenate(times))
@@ -366,7 +365,7 @@ def _measure_sizes(work: ElasticEquations, chi: FloatArray) -> FloatArray:
     return np.maximum(np.abs(chi), np.where(np.isfinite(matter), matter, 0.0))
 
 
-AUTOMATIC_METHODS = ("linear-spring", "two-step", "elimination", "weighted", "nlp")
+AUTOMATIC_METHODS: tuple[str, ...] = ("linear-spring", "two-step", "elimination", "weighted", "nlp")
 """But "simultaneous" in place of "nlp", where a spring is of another kind than stops and knees."""
 
 

@@ -1,4 +1,4 @@
-"""Options of an identification of elastic joints: method, hysteresis model, filters, stopping rule.
+"""Options of an identification of elastic joints: hysteresis model, filters, stopping rule; names of methods.
 
 Supported: thresholds and knees that are given, or grids over the torsion and torque of the recordings.
 Not supported: another hysteresis model for each joint. Loads nothing heavy: the command line reads the names.
@@ -12,17 +12,8 @@ from numbers import Real
 from symid.errors import Notice, UsageError
 from symid.identification.judge import numerics
 
-METHODS = (
-    "automatic",
-    "two-step",
-    "linear-spring",
-    "elimination",
-    "weighted",
-    "nlp",
-    "simultaneous",
-    "independent",
-)
-SCHEMES = ("two-cost", "same-cost")
+METHODS = ("automatic", "two-step", "nlp")
+"""What a user may ask for; "automatic" compares these and others on the data and takes the best."""
 NLP_ROWS = ("energy", "filtered", "momentum")
 HESSIANS = ("exact", "gauss-newton")
 RATE = 60.0
@@ -61,10 +52,11 @@ class NlpOptions:
         """Refuse wrong values, all at once."""
         mistakes = _list_mistakes(
             self,
-            choices={"hessian": HESSIANS},
             positive={"least_stiffness": "1"},
             counts={"rounds": 0, "iterations": 1},
         )
+        if self.hessian not in HESSIANS:
+            mistakes.insert(0, f"hessian {self.hessian!r}: allowed are {', '.join(HESSIANS)}")
         # A text in place of a tuple of texts is refused by its letters.
         if not self.rows or not set(self.rows) <= set(NLP_ROWS) or len(set(self.rows)) < len(self.rows):
             allowed = ", ".join(NLP_ROWS)
@@ -84,8 +76,6 @@ class ElasticOptions:
     """How elastic joints are identified; wrong values raise UsageError.
 
     Args:
-        method: one of `METHODS`; "automatic" compares several on the data and takes the best.
-        scheme: of the two-step method, one of `SCHEMES`.
         stops: number m of thresholds of a grid, r_i = i / (m + 1) max |phi|.
         thresholds: one tuple a joint, rad or m, in place of the grid.
         knees: number of knees on either side of the outer function; 0 for a plain Prandtl-Ishlinskii model.
@@ -100,8 +90,6 @@ class ElasticOptions:
         known: dynamic parameters that are not identified, by name, such as those of CAD, in SI units.
     """
 
-    method: str = "automatic"
-    scheme: str = "two-cost"
     stops: int = 8
     thresholds: tuple[tuple[float, ...], ...] | None = None
     knees: int = 4
@@ -120,7 +108,6 @@ class ElasticOptions:
         """Refuse wrong values, all at once."""
         mistakes = _list_mistakes(
             self,
-            choices={"method": METHODS, "scheme": SCHEMES},
             positive={"window": "s", "tolerance": "1"},
             counts={"stops": 0, "knees": 0, "iterations": 1},
         )
@@ -168,18 +155,9 @@ def _refuse(code: str, mistakes: Sequence[str]) -> None:
         raise UsageError(*(Notice(code=code, text=text) for text in mistakes))
 
 
-def _list_mistakes(
-    options: object,
-    *,
-    choices: Mapping[str, Sequence[str]],
-    positive: Mapping[str, str],
-    counts: Mapping[str, int],
-) -> list[str]:
-    """Return what is wrong with fields: allowed words, units of positive numbers, least whole numbers."""
+def _list_mistakes(options: object, *, positive: Mapping[str, str], counts: Mapping[str, int]) -> list[str]:
+    """Return what is wrong with fields: units of positive numbers, least whole numbers."""
     mistakes = []
-    for name, allowed in choices.items():
-        if (value := getattr(options, name)) not in allowed:
-            mistakes.append(f"{name} {value!r}: allowed are {', '.join(allowed)}")
     for name, unit in positive.items():
         if not 0.0 < (value := getattr(options, name)) < math.inf:
             mistakes.append(f"{name} {value:g}: must be a positive number (unit {unit})")

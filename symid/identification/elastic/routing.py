@@ -8,8 +8,8 @@ stiffness, hysteresis, and rotor and link inertia apart; each is refused with it
 """
 
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -174,26 +174,18 @@ def refuse_elasticity(estimate: Estimate, robot: Robot, *, both: bool = False) -
     )
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Route:
-    """What is done: "rigid", "motor-side" or "elastic", the last with a method."""
-
-    kind: str
-    method: str = ""
-
-
 def choose_route(
     robot: Robot,
     recordings: Sequence[Recording],
     *,
     method: str | None,
-    elastic: Mapping[str, object],
+    elastic: Sequence[str],
     rigid: Sequence[str],
-) -> Route:
-    """Return the route for the robot, its logs and the options together.
+) -> str:
+    """Return how robot, logs and options go together: "rigid", "motor-side" or "elastic".
 
-    `elastic` are the options of elastic joints, None where not given; `rigid` the names of the options of
-    rigid robots that were given; `method` that of elastic joints, or None.
+    `elastic` and `rigid` name the options for elastic joints and for rigid robots that were given; `method`
+    is that for elastic joints, or None.
 
     Raises:
         UsageError: options of one kind for a robot, method or log of another.
@@ -220,22 +212,17 @@ def choose_route(
             )
             raise UsageError(Notice(code="usage.one-encoder", text=text))
         _refuse_options(rigid, f"the elastic robot {robot.name!r}")
-        if method == "independent" and not all(robot.elastic):
-            text = "--method independent needs a robot whose joints are all elastic; leave it out"
-            raise UsageError(Notice(code="usage.method", text=text))
-        return Route(kind="elastic", method=method or "automatic")
+        return "elastic"
     if method is not None:
         text = (
             f"--method {method}: the robot {robot.name!r} has no elastic joints; leave it out, or use "
             "--method stiffness"
         )
         raise UsageError(Notice(code="usage.method", text=text))
-    given = [name for name, value in elastic.items() if name != "window" and value is not None]
-    options = [f"--{'lambda' if name == 'rate' else name}" for name in given]
-    _refuse_options(options, f"{robot.name!r}, identified as rigid")
+    _refuse_options(elastic, f"{robot.name!r}, identified as rigid")
     if any(robot.elastic) and without:
         check_motor_side(robot, recordings)
-    return Route(kind="motor-side" if any(robot.elastic) else "rigid")
+    return "motor-side" if any(robot.elastic) else "rigid"
 
 
 def _refuse_options(given: Sequence[str], what: str) -> None:

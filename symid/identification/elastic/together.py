@@ -4,10 +4,8 @@ Two steps, hysteresis given the dynamics, dynamics given the hysteresis:
 
     H-step           spring_i <- min |F[tau_Ji](chi) - F[spring(phi_i)]|, torque of the motor equation
     X-step           chi <- min |y - W_e(springs) - Yd chi|, signs constrained
-    same cost        min |y - Yd chi - Ae k|^2 over k and chi in turn; no bounds
 
-A step whose merit rises by what matters is halved; without convergence the iterate of least merit is
-kept. With the same cost it is block coordinate descent.
+A step whose merit rises by what matters is halved; without convergence the iterate of least merit is kept.
 
 Simultaneous, for springs of any kind, by Gauss and Newton:
 
@@ -18,9 +16,9 @@ The dynamics are linear and are eliminated: numbers s of springs minimise what i
 (variable projection, Golub and Pereyra 1973, in the form of Kaufman 1975), relative to where they begin. Both
 equations together tell rotors from links as far as the springs can be trusted.
 
-Supported: two steps for springs with and without knees (same cost: without); simultaneous: all numbers of
-springs that data decide, zeros of encoders that are off by little, rigid joints beside elastic ones, known
-dynamics, motors near rest, whose equations do not count.
+Supported: two steps for springs with and without knees; simultaneous: all numbers of springs that data
+decide, zeros of encoders that are off by little, rigid joints beside elastic ones, known dynamics, motors
+near rest, whose equations do not count.
 Not supported: proof of convergence with two costs; the outcome says how the iteration ended. Energy rows
 identify stiffnesses badly in noise, so that the H-step fits them to torques. Simultaneous: numbers of stops
 and knees other than those at the start.
@@ -43,7 +41,6 @@ from symid.identification import hysteresis as elements
 from symid.identification.elastic import estimate
 from symid.identification.elastic.regression import ElasticProblem, solve_with_signs
 from symid.identification.judge import POLICY, numerics
-from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
 from symid.joint_models import Elasticity
 
@@ -149,37 +146,6 @@ def fit_two_step(problem: ElasticProblem) -> estimate.MethodFit:
     springs = tuple(map(elements.build_elasticity, best.springs))
     fit = estimate.build_method_fit("two-step", best.chi, problem.sizes, springs)
     return replace(fit, history=state.history, outcome=outcome)
-
-
-def fit_alternation(problem: ElasticProblem) -> estimate.MethodFit:
-    """Return what minimises the energy cost by turns over stiffnesses and dynamics, from no springs at all.
-
-    The history's `change` is the relative step of chi, its `merit` the cost in J^2.
-    """
-    free, values = np.isnan(problem.known), np.nan_to_num(problem.known)
-    design, supplied = problem.design[:, free], problem.supplied - problem.design @ values
-    columns = problem.compute_stop_work(problem.thresholds)
-    chi, stiffness = solve_scaled(design, supplied, rcond=numerics.RANK), np.zeros(columns.shape[1])
-    lengths = np.maximum(np.linalg.norm(design, axis=0), numerics.TINY)
-    history: list[estimate.HistoryEntry] = []
-    outcome = Ending.LIMIT
-    while outcome is Ending.LIMIT and len(history) < problem.options.iterations:
-        before, stiffness = chi, solve_scaled(columns, supplied - design @ chi, rcond=numerics.RANK)
-        chi = solve_scaled(design, supplied - columns @ stiffness, rcond=numerics.RANK)
-        size = max(float(np.linalg.norm(chi * lengths)), numerics.TINY)
-        change = float(np.linalg.norm((chi - before) * lengths)) / size
-        norm = float(np.linalg.norm(supplied - design @ chi - columns @ stiffness))
-        history.append(estimate.HistoryEntry(merit=norm**2, change=change, norms=(norm,)))
-        if change <= problem.options.tolerance:
-            outcome = Ending.CONVERGED
-    ends = np.cumsum([len(grid) + 1 for grid in problem.thresholds])[:-1]
-    springs = tuple(
-        Elasticity(stiffness=float(own[0]), stops=elements.build_stops(grid, own[1:], -1.0))
-        for grid, own in zip(problem.thresholds, np.split(stiffness, ends), strict=True)
-    )
-    values[free] = chi
-    fit = estimate.build_method_fit("same-cost", values, problem.sizes, springs)
-    return replace(fit, history=tuple(history), outcome=outcome)
 
 
 class LinearRows(NamedTuple):

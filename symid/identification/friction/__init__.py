@@ -22,8 +22,9 @@ if TYPE_CHECKING:
         FrictionEstimate as FrictionEstimate,
         FrictionSamples as FrictionSamples,
         FrictionSearch as FrictionSearch,
-        compute_cramer_rao as compute_cramer_rao,
         compute_law_sensitivities as compute_law_sensitivities,
+        compute_sensitivities as compute_sensitivities,
+        compute_uncertainty as compute_uncertainty,
         is_one_sided as is_one_sided,
     )
     from symid.identification.friction.poses import CONFIDENCE as CONFIDENCE, PoseTest as PoseTest

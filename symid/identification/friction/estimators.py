@@ -9,7 +9,6 @@ exceeds 30 % of it; where only refused terms depend on it. "varpro" is the defau
 exact optimum and its few solves.
 """
 
-import difflib
 from dataclasses import replace
 from typing import Any
 
@@ -262,9 +261,7 @@ def check_estimator(estimator: str, law: FrictionLaw | None = None) -> None:
         )
         raise UsageError(Notice(code="usage.friction-state", text=text))
     if estimator not in SEARCHES:
-        near = difflib.get_close_matches(estimator, SEARCHES, n=1, cutoff=0.4)
-        hint = f"did you mean {near[0]}? " if near else ""
-        text = f"unknown estimator {estimator!r} of friction; {hint}choose one of {', '.join(SEARCHES)}"
+        text = f"unknown estimator {estimator!r} of friction; choose one of {', '.join(SEARCHES)}"
         raise UsageError(Notice(code="usage.friction-estimator", text=text))
 
 

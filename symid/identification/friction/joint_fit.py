@@ -9,7 +9,7 @@ Arrays in SI units -> FrictionSamples -> FrictionRows, VelocityMap; samples and 
     BIC  = M ln(J / M) + k ln M                               Schwarz, Ann. Statist. 6 (1978) 461-464
 
 R is a linear operator that the torque and all columns pass alike, recording by recording: a filter, a
-decimation, both. For white noise of known sigma the same F is the Cramer-Rao bound. In the criteria M is the
+decimation, both. In the criteria M is the
 number of rows, k that of the unknowns with the variance of the noise as one of them.
 
 Not supported: several joints at once; R that depends on the values it acts on; maps over load or position;
@@ -391,16 +391,3 @@ def compute_uncertainty(
     deviations = np.where(lost, np.inf, np.sqrt(np.maximum(variances, 0.0)))
     condition = float(singular[0] / singular[rank - 1]) if rank else np.inf
     return Uncertainty(covariance, deviations[:edges], deviations[edges:], rank, condition)
-
-
-def compute_cramer_rao(
-    samples: FrictionSamples, law: FrictionLaw, physical: Sequence[float], noise: float
-) -> FloatArray:
-    """Return the least standard deviations (p + s,) that any unbiased estimator can have.
-
-    The torque of `samples` is not read. `physical` are the true parameters in the order of the law, `noise`
-    is the standard deviation of the torque behind R, N m or N.
-    """
-    linear, shape = law.from_physical(physical)
-    design = compute_sensitivities(samples, law, linear, shape)
-    return compute_uncertainty(design, law, noise**2, [False] * len(shape)).physical

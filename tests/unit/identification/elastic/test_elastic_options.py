@@ -13,8 +13,6 @@ ELASTIC, NLP = (ElasticOptions, "usage.elastic-option"), (NlpOptions, "usage.nlp
 @pytest.mark.parametrize(
     ("kind", "options", "message"),
     [
-        (ELASTIC, {"method": "guess"}, "^method 'guess':.* automatic, two-step"),
-        (ELASTIC, {"scheme": "no-cost"}, "^scheme 'no-cost':.* two-cost, same-cost"),
         (ELASTIC, {"window": 0.0}, r"^window 0:.*\(unit s\)"),
         (ELASTIC, {"rate": float("inf")}, r"^rate inf:.*\(unit rad/s\)"),
         (ELASTIC, {"tolerance": -1.0}, "^tolerance -1:"),
@@ -43,7 +41,7 @@ def test_wrong_options_are_refused_with_what_is_allowed(kind, options, message):
 
 def test_all_mistakes_are_told_at_once_and_grids_must_be_there_for_every_joint():
     with raises(UsageError, *["usage.elastic-option"] * 3):
-        ElasticOptions(method="guess", window=-1.0, stops=-2)
+        ElasticOptions(tolerance=0.0, window=-1.0, stops=-2)
     check_grids(ElasticOptions(thresholds=((0.1,), ())), 2)
     with raises(UsageError, "usage.elastic-option", match=r"^knee_torques .*1 .*2$"):
         check_grids(ElasticOptions(knee_torques=((1.0,),)), 2)

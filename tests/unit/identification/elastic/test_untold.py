@@ -13,7 +13,6 @@ from symid.identification.elastic.estimate import (
     measure_identifiability,
     name_friction,
 )
-from symid.identification.elastic.options import ElasticOptions
 from symid.identification.elastic.regression import solve_with_signs
 from symid.identification.stored import write_fit
 from symid.joint_models import FrictionValues, list_value_names
@@ -31,7 +30,7 @@ def arm(robots_folder):
 @pytest.fixture(scope="module")
 def estimate(arm):
     log = run_arm(*arm, duration=6.0).recording
-    return identify_elastic(arm[1], [log], ElasticOptions(method="weighted"), echo=describe_settings(arm[0]))
+    return identify_elastic(arm[1], [log], method="weighted", echo=describe_settings(arm[0]))
 
 
 @pytest.fixture
