@@ -56,3 +56,30 @@ def test_a_law_with_a_state_by_name_takes_no_other_estimator():
     for wrong in ({"estimator": "nlp"}, {"smoothing": 0.01}):
         with raises(UsageError, "usage.friction-state", match="has a state"):
             robot.identify_friction([log], model="dahl", **wrong)
+
+
+def test_small_motions_about_one_pose_have_no_offset_beside_gravity(tmp_path):
+    time, rng = 1e-3 * np.arange(8000), np.random.default_rng(1)
+    sizes = ((1e-3, 0.7), (4e-4, 2.3), (2e-3, 0.11))
+    q = 0.3 + sum(size * np.sin(2.0 * np.pi * rate * time) for size, rate in sizes)
+    bent, friction = 0.0, np.empty(len(q))
+    for k, way in enumerate(np.diff(q, prepend=q[0])):
+        bent = float(np.clip(bent + way, -5e-4, 5e-4))
+        friction[k] = 2000.0 * bent
+    tau = friction + 1.2 * np.sin(q) + 0.3 * np.gradient(q, 1e-3) + 0.01 * rng.standard_normal(len(q))
+    robot = presliding.load_robot()
+    log = symid.build_log(robot, time=time, q=q[:, None], tau=tau[:, None])
+    fit = robot.identify_friction([log])
+    (found,) = fit.estimate.joints
+    assert found.estimate.law == "maxwell-slip"
+    # Most of it is of the first rows: the bristles were half bent where the filter's end begins.
+    assert found.residual.relative_percent < 2.0
+    assert fit["joint.stiffness1"].value == pytest.approx(2000.0, rel=0.02)
+    assert fit["joint.fC"].value == pytest.approx(1.0, rel=0.02)
+    (residual,) = fit.validate(log).residual
+    assert residual.relative_percent < 0.5
+    # Numbers that nothing determines are in no file.
+    named = robot.identify_friction([log], model="dahl+offset")
+    assert "joint.offset" in named.refused
+    named.save(tmp_path / "fit.json")
+    assert symid.load_fit(tmp_path / "fit.json").refused == named.refused

@@ -42,8 +42,8 @@ from symid.identification.judge import POLICY, compute_changes, compute_variance
 from symid.ipopt import Ending
 from symid.joint_models import FrictionLaw, compute_clamps, find_turns, name_bristles
 
-MEMORY_LAWS = ("dahl+offset", "maxwell-slip+offset", "lugre+offset", "generalised-maxwell-slip+offset")
-"""Laws with a state among which `auto` chooses, from plain to rich."""
+MEMORY_LAWS = ("dahl", "maxwell-slip", "lugre", "generalised-maxwell-slip")
+"""Laws with a state among which `auto` chooses, from plain to rich; with an offset where there is one."""
 _NODES = 24
 """Lengths of the grid of starts."""
 _EXPONENTS = (2.0, 1.0)
@@ -62,10 +62,10 @@ class BristlePath(NamedTuple):
     begins: list[int]
     sides: tuple[int, ...]
 
-    def list_starts(self) -> "list[BristlePath]":
-        """Return the path with every side where its first recording begins, then the next one's, .."""
-        places = itertools.product(range(len(self.sides)), (0, 1, -1))
-        return [self._replace(sides=(*self.sides[:k], side, *self.sides[k + 1 :])) for k, side in places]
+    def list_starts(self, number: int) -> "list[BristlePath]":
+        """Return the path with every side where recording `number` begins."""
+        before, after = self.sides[:number], self.sides[number + 1 :]
+        return [self._replace(sides=(*before, side, *after)) for side in (0, 1, -1)]
 
 
 def build_path(samples: FrictionSamples) -> BristlePath:
@@ -262,8 +262,8 @@ class MemoryProblem:
 
 def _choose_starts(problem: MemoryProblem, measure: Callable[[MemoryProblem], float]) -> MemoryProblem:
     """Return the problem with the memory at the beginning of every recording that leaves least."""
-    for k in range(len(problem.path.sides)):
-        paths = problem.path.list_starts()[3 * k : 3 * k + 3]
+    for number in range(len(problem.path.sides)):
+        paths = problem.path.list_starts(number)
         problem = min((replace(problem, path=path) for path in paths), key=measure)
     return problem
 
@@ -367,12 +367,17 @@ def fit_memory(samples: FrictionSamples, law: FrictionLaw) -> MemoryFit:
     if law.elements:
         problem, found = _move_elements(problem, found.shape)
         tried += found.tried
+    # What was remembered first shows better where the law is known.
+    again = _choose_starts(problem, partial(_measure, found.shape))
+    if again.path.sides != problem.path.sides:
+        problem, found = again, again.move(found.shape, 0)
+        tried += found.tried
     made = _build_fit(problem, found.shape, tried)
     if damped and "sigma1" in dict(made.estimate.refused):
         # Bristles whose damping nothing shows have none.
         problem = replace(problem, damped=False)
-        again = problem.move(found.shape, 0)
-        made = _build_fit(problem, again.shape, tried + again.tried)
+        found = problem.move(found.shape, 0)
+        made = _build_fit(problem, found.shape, tried + found.tried)
     return made
 
 
@@ -393,10 +398,10 @@ def _build_fit(problem: MemoryProblem, shape: FloatArray, tried: int) -> MemoryF
     parts, _ = joint_fit.cut_parts(rows)
     steps, lost = leave_out(design, found.left, parts, np.arange(len(parts)))
     changes = compute_changes(steps)
-    changes[:, lost] = np.inf
     # What every part changes of all unknowns, then of the law's values.
     whole = np.zeros((len(changes), size + count + len(found.other)))
-    whole[:, np.append(free, np.ones(len(found.other), dtype=np.bool_))] = changes
+    there = np.flatnonzero(np.append(free, np.ones(len(found.other), dtype=np.bool_)))
+    whole[:, there] = changes
 
     def compute_values(unknown: FloatArray) -> FloatArray:
         linear, bent, bristles = problem.list_values(unknown[size : size + count], np.exp(unknown[:size]))
@@ -411,11 +416,11 @@ def _build_fit(problem: MemoryProblem, shape: FloatArray, tried: int) -> MemoryF
             for w in (width, -width)
         ]
         jacobian[:, place] = (ends[0] - ends[1]) / (2.0 * width)
-    with np.errstate(invalid="ignore"):
-        moves = whole @ jacobian.T
+    moves = whole @ jacobian.T
+    vague = np.any(jacobian[:, there[lost]] != 0.0, axis=1)
     scaled = compute_triangle(design / np.maximum(np.linalg.norm(design, axis=0), numerics.TINY))
-    estimate = _write_estimate(problem, values, moves, found, tried, unknowns)
-    estimate = replace(estimate, condition=float(np.linalg.cond(scaled)))
+    estimate = _write_estimate(problem, values, (moves, vague), found, unknowns)
+    estimate = replace(estimate, evaluations=tried, solves=tried, condition=float(np.linalg.cond(scaled)))
     return MemoryFit(estimate, design, found.left)
 
 
@@ -437,27 +442,31 @@ def leave_out(
         null = values <= numerics.EXACT * max(float(values[-1]), numerics.TINY)
         known = directions[:, ~null]
         steps.append(known @ ((known.T @ rest[:-1, -1]) / values[~null]) / sizes)
-        lost |= np.linalg.norm(directions[:, null], axis=1) > numerics.CONVERGED
+        # A sum of products knows directions to the root of its digits.
+        lost |= np.linalg.norm(directions[:, null], axis=1) > np.sqrt(numerics.CONVERGED)
     return np.array(steps), lost
 
 
-def _write_estimate(  # noqa: PLR0917 - what a fit found
+def _write_estimate(
     problem: MemoryProblem,
     values: FloatArray,
-    moves: FloatArray,
+    uncertain: tuple[FloatArray, NDArray[np.bool_]],
     found: _LinearFactors,
-    tried: int,
     unknowns: int,
 ) -> FrictionEstimate:
-    """Return the estimate; values (n,): linear, shape, state, other ones; `moves` (b, n) of a jackknife."""
-    samples, law = problem.samples, problem.law
+    """Return the estimate; values (n,) are linear, shape, state and other ones.
+
+    `uncertain` are their moves (b, n) of a jackknife, and which (n,) are not determined.
+    """
+    samples, law, (moves, vague) = problem.samples, problem.law, uncertain
     p, s = len(law.linear), len(law.shape)
     linear, shape = values[:p].tolist(), values[p : p + s].tolist()
     bristles, other = values[p + s : len(values) - len(found.other)].tolist(), found.other
-    mixing = np.array(law.mixing, dtype=np.float64)
     physical = law.to_physical(linear, shape)
-    own = compute_variance(moves[:, : p + s] @ mixing.T) ** 0.5
-    rest = compute_variance(moves[:, p + s :]) ** 0.5
+    mixing = np.eye(len(values))
+    mixing[: p + s, : p + s] = law.mixing
+    stds = np.where(np.abs(mixing) @ vague > 0.0, np.inf, compute_variance(moves @ mixing.T) ** 0.5)
+    own, rest = stds[: p + s], stds[p + s :]
     size = len(bristles) // len(law.memory)
     memory = [
         (f"{entry.name}{k + 1 if law.elements else ''}", entry) for entry in law.memory for k in range(size)
@@ -469,13 +478,16 @@ def _write_estimate(  # noqa: PLR0917 - what a fit found
         unit = entry.unit_prismatic if samples.prismatic else entry.unit
         reason = "one of 1, 2" if name == "gamma" else "zero: none is seen" if value == 0.0 else ""
         sure = 100.0 * std <= POLICY.uncertain * abs(value)
-        if not (sure or reason) and name in _NEEDS:
+        if not np.isfinite(std):
+            refused[name] = _DEPENDENT
+        elif not (sure or reason) and name in _NEEDS:
             refused[name] = f"its standard deviation, {std:.3g} {unit}, is too large: {_NEEDS[name]}"
         else:
             parameters.append(ParameterEstimate(name, value, std, unit, entry.meaning, reason))
     units = samples.extra_units or ("",) * len(samples.extra_names)
     deviations = rest[len(bristles) :].tolist()
-    beside = zip(samples.extra_names, other.tolist(), deviations, units, strict=True)
+    beside = list(zip(samples.extra_names, other.tolist(), deviations, units, strict=True))
+    refused |= {name: _DEPENDENT for name, _, std, _ in beside if not np.isfinite(std)}
     objective, rows = float(found.left @ found.left), len(found.left)
     aicc, bic = joint_fit.compute_criteria(objective, rows, unknowns)
     counted = [*range(p + s), *range(p + s + len(bristles), len(values))]
@@ -485,13 +497,13 @@ def _write_estimate(  # noqa: PLR0917 - what a fit found
         joint=samples.joint,
         law=law.name,
         parameters=tuple(parameters),
-        extra=tuple(ParameterEstimate(*entry) for entry in beside),
+        extra=tuple(ParameterEstimate(*entry) for entry in beside if entry[0] not in refused),
         refused=tuple(refused.items()),
         other=tuple(other.tolist()),
         objective=objective,
         sigma=float(np.sqrt(objective / max(rows - unknowns, 1))),
         samples=rows,
-        evaluations=tried,
+        evaluations=0,
         outcome=Ending.SOME_REFUSED if refused else Ending.CONVERGED,
         notices=tuple(Notice(code="friction.refused", text=text) for text in texts),
         estimator="varpro",
@@ -499,7 +511,7 @@ def _write_estimate(  # noqa: PLR0917 - what a fit found
         shape=tuple(shape),
         bristles=tuple(bristles),
         covariance=tuple(map(tuple, covariance.tolist())),
-        solves=tried,
+        solves=0,
         iterations=0,
         ended="the search of shape values converged",
         aicc=aicc,
@@ -508,6 +520,7 @@ def _write_estimate(  # noqa: PLR0917 - what a fit found
     )
 
 
+_DEPENDENT = "its column depends on others where a stretch of the log is left out"
 _NEEDS = {
     "sigma0": "the joint must stick and turn back within the way on which bristles bend, fC / sigma0",
     "sigma1": "the joint must move fast enough while it sticks: near 1 / s of sigma0 / sigma1",

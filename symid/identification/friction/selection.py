@@ -143,12 +143,16 @@ def select_memory(
         return np.array([float(error @ error) for error in errors])
 
     losses = [hold_out(fits[0])]
-    for law in map(get_law, MEMORY_LAWS):
+    for name in MEMORY_LAWS:
+        law = get_law(f"{name}+offset")
         if law.shape and min(map(np.sum, losses)) == losses[0].sum():
             # Where no memory helps, none whose level falls does.
             break
         try:
             found = fit_memory(samples, law)
+            if "offset" in dict(found.estimate.refused):
+                # Gravity about one pose is a constant, too.
+                found = fit_memory(samples, get_law(name))
         except IdentifiabilityError:
             continue
         if not found.estimate.refused:
