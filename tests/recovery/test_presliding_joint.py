@@ -81,5 +81,6 @@ def test_small_motions_about_one_pose_have_no_offset_beside_gravity(tmp_path):
     # Numbers that nothing determines are in no file.
     named = robot.identify_friction([log], model="dahl+offset")
     assert "joint.offset" in named.refused
+    assert "friction.refused" in {notice.code for notice in named.estimate.joints[0].estimate.notices}
     named.save(tmp_path / "fit.json")
     assert symid.load_fit(tmp_path / "fit.json").refused == named.refused
