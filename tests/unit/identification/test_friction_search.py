@@ -8,10 +8,11 @@ import scipy
 
 import symid
 from symid.identification.estimators.estimate import LawSelection
-from symid.identification.friction_search import _give_up_worse, _Result
+from symid.identification.friction_search import _give_up_worse, _Result, _take_deviations
 from symid.identification.rigid import PLAIN, FrictionChoice
 from symid.identification.rigid.friction_choice import JointLaw, Trial, choose_plainest, choose_trial
 from symid.joint_models import FrictionValues, get_law
+from tests.estimates import build_estimate
 
 NAMES = {"shoulder": "auto", "elbow": "auto"}
 STRIBECK = FrictionValues(law="stribeck", values=(1.0, 1.0, 0.5), shape=(0.1,))
@@ -130,3 +131,13 @@ def test_the_plainest_of_many_is_taken_at_the_rate_that_the_level_says():
     # A better one is found, and of those as good the plainest.
     losses[7:] *= 0.8
     assert choose_plainest(losses, [1, *range(21, 1, -1)], [0] * 21).taken == 20
+
+
+def test_values_that_stay_get_the_deviations_of_the_columns_about_them():
+    earlier = build_estimate(symid.load("two_link").description)
+    wider = tuple(replace(entry, value=7.0, std=3.0 * entry.std) for entry in earlier.parameters[1:])
+    found = _take_deviations(earlier, replace(earlier, parameters=wider))
+    assert [entry.value for entry in found.parameters] == [entry.value for entry in earlier.parameters]
+    first, *rest = (new.std / old.std for new, old in zip(found.parameters, earlier.parameters, strict=True))
+    # What the later fit does not have keeps its own.
+    assert (first, set(rest)) == (1.0, {3.0})
