@@ -222,8 +222,10 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
             raise UsageError(*mistakes)
         text = path.read_text(encoding="utf-8")
         new = robots.place_elasticity(text, found, joint, self.element, (factors[0], factors[1]))
-        pairs = zip(found.joints, robots.parse_robot(new, str(path)).joints, strict=False)
-        if new == text or not all(replace(after, elasticity=old.elasticity) == old for old, after in pairs):
+        after = robots.parse_robot(new, str(path))
+        pairs = zip(found.joints, after.joints, strict=False)
+        joints = tuple(replace(one, elasticity=old.elasticity) for old, one in pairs)
+        if new == text or replace(after, joints=joints, notices=()) != replace(found, notices=()):
             text = f"joint {joint!r} has no table [[joint]] of its own; write the spring there by hand"
             raise UsageError(Notice(code="usage.element-joint", text=text, file=str(path)))
         return write_file(path, new)
