@@ -24,7 +24,13 @@ NOTES = frozenset(
     (
         *("check.elastic", "elastic.known", "elastic.motor-side", "elastic.spring-kind"),
         *("export.source-edited", "estimate.settings-differ"),
-        *("identify.automatic", "identify.friction-state", "identify.second-encoder", "identify.slow-rows"),
+        *(
+            "identify.automatic",
+            "identify.friction-law",
+            "identify.friction-state",
+            "identify.second-encoder",
+            "identify.slow-rows",
+        ),
         *("identify.measured-load", "identify.plain-friction", "identify.bad-rows"),
         *("identify.unused-processing", "lesson.not-executed"),
         *("log.aligned", "log.converted", "log.cut", "log.delay-refuted", "log.folded", "log.in-line"),

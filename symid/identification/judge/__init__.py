@@ -16,6 +16,7 @@ if TYPE_CHECKING:
         compute_chance as compute_chance,
         compute_changes as compute_changes,
         compute_variance as compute_variance,
+        measure_inferiority as measure_inferiority,
     )
 else:
     from symid.lazy import load_names

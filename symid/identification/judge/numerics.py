@@ -19,3 +19,5 @@ BLOCK = 1024
 """Samples whose columns are computed or condensed at a time: they stay in the cache of a core."""
 LARGEST = 2e8
 """Bytes of equations that are held in memory."""
+EXCHANGES = 1000
+"""Of signs at random: a chance of 0.1 is known within 0.01."""

@@ -9,7 +9,8 @@
 The jackknife of the difference (Quenouille 1956) needs neither white noise nor that one of the estimates is
 efficient, as the test of Hausman (1978, Econometrica 46) does. The distribution is that of a quadratic form
 (Satterthwaite 1946); tr((GV)^2) is estimated without the bias of few blocks (Bai and Saranadasa 1996). Of
-several hypotheses the probabilities are those of Holm (1979).
+several hypotheses the probabilities are those of Holm (1979); of candidates that are much alike, those of
+White (2000, `measure_inferiority`).
 
 Supported: any number of joints, parts without motion (they say nothing); jackknives of several independent
 groups of blocks, such as two logs.
@@ -92,6 +93,30 @@ def adjust_chances(chances: Sequence[float]) -> list[float]:
     for rank, place in enumerate(order):
         largest = max(largest, min(1.0, (len(chances) - rank) * chances[place]))
         found[place] = largest
+    return found
+
+
+def measure_inferiority(losses: FloatArray) -> FloatArray:
+    """Return the chances (k,) that no other candidate predicts better than each, of `losses` (k, parts).
+
+    The largest t of the log ratios to all others, against the same with signs of the parts exchanged at
+    random for all candidates together: what agrees counts once (White 2000, Econometrica 68; Hansen 2005,
+    J. Bus. Econ. Stat. 23).
+    """
+    losses = losses[:, losses.max(axis=0) > 0.0]
+    count, parts = losses.shape
+    if parts < 2:
+        return np.ones(count)
+    logs = np.log(losses + POLICY.relevance * losses.mean())
+    signs = np.where(np.random.default_rng(0).random((numerics.EXCHANGES, parts)) < 0.5, -1.0, 1.0)
+    signs[0] = 1.0
+    found = np.ones(count)
+    for place in range(count):
+        apart = np.delete(logs[place] - logs, place, axis=0)
+        means, squares = signs @ apart.T / parts, np.mean(apart**2, axis=1)
+        errors = np.sqrt(np.maximum(squares - means**2, numerics.CONVERGED * squares) / (parts - 1))
+        largest = np.max(means / np.where(errors > 0.0, errors, np.inf), axis=1, initial=-np.inf)
+        found[place] = np.mean(largest >= largest[0])
     return found
 
 

@@ -310,7 +310,8 @@ def measure_bounded(study: SettingsStudy, robot: Robot | None, library: Library)
     if robot is not None:
         bounded = estimators.solve_consistent(triangle, centre, estimators.build_bodies(robot)).values
     else:
-        names = [entry.name for entry in (*library.card.beta, *library.card.friction)]
+        # Steps of searched shape values have no bounds.
+        names = ["" if entry in library.card.searched else entry.name for entry in library.card.fitted]
         low = [0.0 if is_braking(name) or name.startswith("IA") else -np.inf for name in names]
         bounded = scipy.optimize.lsq_linear(triangle[:, :-1], triangle[:, -1], (low, np.inf)).x
     moving = logs.torque > 0.0

@@ -8,7 +8,8 @@ than ols, wls and instruments keeps its own, times what correlation adds to thos
 
 Supported: several recordings at once, of unequal weight; all kinds of rows with all estimators; `ols` and
 `wls` on torque and momentum rows that do not fit into memory.
-Not supported: recordings with delays or offsets of their own; other estimators beyond memory.
+Not supported: recordings with delays or offsets of their own; other estimators beyond memory; errors of a
+friction law where slow rows contradict it, in logs beyond memory.
 """
 
 import json
@@ -25,6 +26,7 @@ from symid.errors import IdentifiabilityError, Notice, UsageError
 from symid.identification import diagnostics, estimators, judge, regression
 from symid.identification.judge import numerics
 from symid.identification.rigid.evidence import collect_evidence
+from symid.identification.rigid.friction_choice import measure_law_errors
 from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan, list_unknown, plan_fit
 from symid.joint_models import NO_FRICTION
 from symid.logs import Recording, choose_processing, mask_states
@@ -106,6 +108,7 @@ def identify_parameters(
     fitted = None
     if is_long(builder, recordings, plan.estimator, largest):
         fitted = fit_long(builder, recordings, plan.estimator, rule=rule, weights=weights)
+    condensed = fitted is not None
     if fitted is None:
         fit = partial(fit_in_memory, builder, recordings, rule=rule, options=options, weights=weights)
         try:
@@ -122,6 +125,12 @@ def identify_parameters(
             used = replace(used, instrument_cutoff=None)
             plan = replace(plan, processing=used, estimator=usual, notices=(*plan.notices, note))
             fitted = fit(plan)
+    law_notices: tuple[Notice, ...] = ()
+    if chosen and "standstill" in processing.left_open and not condensed:
+        slow = [used.get_standstill(joint) > 0.0 for joint in range(library.card.size)]
+        errors, law_notices = measure_law_errors(library, recordings, used, slow, fitted.fit.values)
+        wider = fitted.fit.covariance + errors.T @ errors
+        fitted = replace(fitted, fit=replace(fitted.fit, covariance=wider))
     windowed = rows not in {"torque", "power"}
     settings = {
         **(echo or {}),
@@ -142,7 +151,7 @@ def identify_parameters(
         recordings=recordings,
         settings=settings,
     )
-    notices = [*plan.notices, *estimate.notices, *fitted.pattern]
+    notices = [*plan.notices, *law_notices, *estimate.notices, *fitted.pattern]
     if not chosen:
         notices += diagnostics.warn_of_processing(used, recordings)
     if not processing.automatic:

@@ -9,8 +9,11 @@ The columns of all laws at all nodes of their shape values stand side by side in
 (`friction_tables`), as sums of products G, S without the joint's own friction. What is shared with other
 joints is eliminated (variable projection, Golub and Pereyra 1973), so that a law at a node is a problem of a
 few unknowns. Joints take turns until no law changes; then laws are made linear about their best nodes (Gauss
-and Newton), until shape values stay. Of the identifiable laws the plainest is taken that the best one does
-not surely predict better than on stretches left out (`judge.compare`; Holm over all of them).
+and Newton), until shape values stay. Of the identifiable laws the plainest is taken that no other one surely
+predicts better than on stretches left out (`judge.measure_inferiority`).
+
+Where a fit with a stated law leaves out slow rows, they may contradict more than themselves: a law with more
+friction in slow motion is tried, and how far it moves the values of friction is an error of the model.
 
 Where the load of a joint was measured behind its gear, its law is chosen from the torque of the motor less
 the load: X_j x are then torques of rotors, and what the model of the links lacks is in neither.
@@ -32,12 +35,20 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, Notice
 from symid.identification.estimators import LawSelection, LawTrial
-from symid.identification.judge import POLICY, adjust_chances, compare, numerics
+from symid.identification.judge import POLICY, compare, measure_inferiority, numerics
 from symid.identification.regression import Rotor, scale_products, warn_of_load_gain
 from symid.identification.rigid import friction_tables
 from symid.identification.rigid.friction_tables import JointTable, Node, TangentLaw, Wanted
-from symid.joint_models import NO_FRICTION, FrictionLaw, FrictionValues, compute_columns, get_law
+from symid.joint_models import (
+    NO_FRICTION,
+    FrictionLaw,
+    FrictionValues,
+    compute_columns,
+    get_law,
+    is_braking,
+)
 from symid.logs import Recording
+from symid.notation import join_name
 from symid.robot import Processing
 
 PLAIN = "coulomb-viscous-offset"
@@ -163,23 +174,25 @@ class Choice(NamedTuple):
     chances: FloatArray
 
 
-def choose_plainest(losses: FloatArray, unknowns: Sequence[int], shapes: Sequence[int]) -> Choice:
-    """Return the candidate of fewest `unknowns` (k,) that the best one does not surely surpass.
+def choose_plainest(
+    losses: FloatArray, unknowns: Sequence[int], order: Sequence[int | tuple[bool, int]]
+) -> Choice:
+    """Return the candidate of fewest `unknowns` (k,) that no other one surely surpasses.
 
-    `losses` (k, parts) are squares of held-out parts. Of several as plain and as good, the one with fewest
-    `shapes` (k,) among its unknowns is taken, which others may only imitate.
+    `losses` (k, parts) are squares of held-out parts. Of several as plain and as good, the first by `order`
+    (k,) is taken, such as the number of shape values, which only imitate others.
     """
     totals = losses.sum(axis=1)
     best = int(np.argmin(totals))
     tests = {k: compare(own[:, None], losses[best][:, None]) for k, own in enumerate(losses) if k != best}
-    sure = dict(zip(tests, adjust_chances([one.p_of_all for one in tests.values()]), strict=True))
+    sure = measure_inferiority(losses)
     matters = {k for k, one in tests.items() if one.fall_of_all > 1.0 + POLICY.relevance}
     near = [k for k in range(len(losses)) if k not in matters or sure[k] >= POLICY.caution]
     chances = np.array([tests[k].p_of_all if k in tests else 1.0 for k in range(len(losses))])
 
-    def rank(place: int) -> tuple[int, bool, int, float]:
+    def rank(place: int) -> tuple[int, bool, int | tuple[bool, int], float]:
         worse = place in matters and bool(chances[place] < POLICY.caution)
-        return unknowns[place], worse, shapes[place], float(totals[place])
+        return unknowns[place], worse, order[place], float(totals[place])
 
     return Choice(min(near, key=rank), best, chances)
 
@@ -191,11 +204,19 @@ def choose_trial(trials: Sequence[Trial]) -> Choice:
     whole = whole or [min(range(len(trials)), key=lambda k: trials[k].unknowns)]
     # What a law costs the other joints counts as well.
     beside = np.min([trial.losses - trial.own for trial in trials], axis=0)
-    laws = [trials[k].law for k in whole]
+
+    def rank(trial: Trial) -> tuple[bool, int]:
+        """Return whether friction of a law drives its joint, and the number of its shape values."""
+        names = (entry.name for entry in trial.law.linear)
+        driving = any(
+            is_braking(name) and value < 0.0 for name, value in zip(names, trial.linear, strict=True)
+        )
+        return driving, len(trial.law.about if isinstance(trial.law, TangentLaw) else trial.law.shape)
+
     taken, best, chances = choose_plainest(
         np.array([trials[k].losses - beside for k in whole]),
         [trials[k].unknowns for k in whole],
-        [len(law.about if isinstance(law, TangentLaw) else law.shape) for law in laws],
+        [rank(trials[k]) for k in whole],
     )
     found = np.zeros(len(trials))
     found[whole] = chances
@@ -450,6 +471,47 @@ def _judge_loads(
         warnings = warn_of_load_gain(friction_tables.measure_gain(motion, k, nodes[k].law, nodes[k].shape))
         found += [replace(one, text=f"joint {laws[k].joint!r}: {one.text}") for one in warnings]
     return tuple(found)
+
+
+_BENT = {"coulomb-viscous": "stribeck", PLAIN: "stribeck+offset"}
+"""Laws with more friction in slow motion, by those that lack it; their other values mean the same."""
+
+
+def measure_law_errors(
+    library: Library,
+    recordings: Sequence[Recording],
+    processing: Processing,
+    slow: Sequence[bool],
+    values: FloatArray,
+) -> tuple[FloatArray, tuple[Notice, ...]]:
+    """Return how far another law moves the values of friction (n, p) of each joint, and notices.
+
+    Where `slow` rows (n,) contradict a law, and were left out, what they contradict may reach into the rows
+    that were kept. A law with more friction in slow motion is fitted to both; where it predicts surely better
+    on stretches left out, its values differ from `values` (p,) by an error of the model.
+    """
+    card, found, notices = library.card, np.zeros((library.card.size, len(values))), []
+    wishes: list[Wish] = []
+    for joint, doubted in zip(card.joints, slow, strict=True):
+        bent = _BENT.get(joint.friction)
+        plain = FrictionValues() if joint.friction == NO_FRICTION else (PLAIN,)
+        wishes.append((joint.friction, bent) if bent and doubted else plain)
+    if not any(len(wish) > 1 for wish in wishes if not isinstance(wish, FrictionValues)):
+        return found, ()
+    choice = choose_laws(library, recordings, processing, gears=[1.0] * card.size, wishes=wishes)
+    for place, (joint, law) in enumerate(zip(card.joints, choice.joints, strict=True)):
+        if law.friction.law != _BENT.get(joint.friction) or law.selection is None:
+            continue
+        pairs = zip(get_law(law.friction.law).linear, law.friction.values or (), strict=True)
+        own = {join_name(entry.name, joint.number): value for entry, value in pairs}
+        moved = {k: entry.name for k, entry in enumerate(card.fitted) if entry.name in own}
+        found[place, list(moved)] = [own[name] - values[k] for k, name in moved.items()]
+        text = (
+            f"joint {joint.name!r}: in slow motion, too, {law.selection.verdict} The deviations of "
+            f"{', '.join(moved.values())} count how far that law moves them; --friction auto takes it"
+        )
+        notices.append(Notice(code="identify.friction-law", text=text))
+    return found, tuple(notices)
 
 
 def compare_friction(choice: FrictionChoice, fitted: Mapping[str, FrictionValues]) -> tuple[Notice, ...]:

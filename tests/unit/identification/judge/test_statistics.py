@@ -14,6 +14,7 @@ from symid.identification.judge import (
     compute_chance,
     compute_changes,
     compute_variance,
+    measure_inferiority,
 )
 
 
@@ -72,6 +73,23 @@ def test_chances_of_a_family_are_those_of_holm():
     assert adjust_chances([0.01, 0.04, 0.03, 0.005]) == pytest.approx([0.03, 0.06, 0.06, 0.02])
     assert adjust_chances([0.5, 0.5]) == [1.0, 1.0]
     assert adjust_chances([]) == []
+
+
+def test_candidates_that_predict_alike_count_once_among_rivals():
+    """The level holds for any dependence: two candidates have a test of signs, copies of one add nothing."""
+    rng = np.random.default_rng(3)
+    base = rng.uniform(0.5, 2.0, 24) * np.exp(0.2 * rng.normal(size=(300, 2, 24)))
+    pairs = np.array([measure_inferiority(losses) for losses in base])
+    # One of the two is ahead: its chance is 1 less that of the other one.
+    assert pairs.sum(axis=1) == pytest.approx(1.0, abs=0.01)
+    assert kstest(pairs[:, 0], "uniform").pvalue > 0.01
+    copied = [measure_inferiority(losses[[0, *[1] * 28]])[0] for losses in base]
+    assert copied == pytest.approx(pairs[:, 0].tolist(), abs=0.01)
+    # Rivals of their own cost power: with 28 of them none is surpassed more often than the level says.
+    many = rng.uniform(0.5, 2.0, 24) * np.exp(0.2 * rng.normal(size=(300, 29, 24)))
+    found = np.array([measure_inferiority(losses)[0] for losses in many])
+    assert 0.05 < np.mean(found < POLICY.caution) < 0.15
+    assert measure_inferiority(np.ones((3, 1))).tolist() == [1.0, 1.0, 1.0]
 
 
 def test_changes_are_the_jackknife_of_quenouille():
