@@ -215,13 +215,13 @@ _ALIKE = 0.1
 def _find_time_unit(time: FloatArray, raw: RawLog, robot: Robot, findings: Findings) -> str:
     """Return the unit of times (N,) that state none: of periods that logs have, that in which joints move.
 
-    A logged velocity decides, else the fastest joint's speed. Seconds need no proof; where another unit could
-    be meant and nothing decides, that is a mistake.
+    A logged velocity decides, else the fastest joint's speed. Where that is not sure, or steps count samples,
+    no unit is a mistake.
     """
     steps = np.diff(time[np.isfinite(time)])
     period = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
     position, velocity = (_try_quantity(raw, robot, name, len(time)) for name in ("position", "velocity"))
-    if period <= _PERIODS[1] or position is None:
+    if period * get_unit_factor("ms")[1] < _PERIODS[0] or position is None:
         return "s"
     span = max(1, len(time) // 100)
     whole = np.isfinite(position).all(axis=1) & np.isfinite(time)
@@ -238,10 +238,11 @@ def _find_time_unit(time: FloatArray, raw: RawLog, robot: Robot, findings: Findi
         ratio = float(moved / (0.5 * np.abs(velocity[whole][1:] + velocity[whole][:-1]).sum() * period))
         found = [unit for unit in units if abs(ratio / get_unit_factor(unit)[1] - 1.0) < _ALIKE]
         reason = "in it the logged velocity is the rate of the position"
-    counter = np.all(steps == 1.0)
-    if found == ["s"]:
+    counter, slow = bool(np.all(steps == 1.0)), period <= _PERIODS[1]
+    # Where seconds may be meant they are, unless a velocity says otherwise.
+    if found == ["s"] or (slow and ("s" in found or not found)):
         return "s"
-    if len(found) != 1 or (counter and velocity is None):
+    if len(found) != 1 or (velocity is None and (slow or counter)):
         text = f"time has no unit, and its steps are {period:.6g}: state it by --set log.time.unit=ms"
         text = f"{text} (with log.time.column=NAME), or us, ns, s, or in the heading"
         if counter:

@@ -320,7 +320,7 @@ def read_mat(path: Path) -> RawLog:
     with path.open("rb") as stream:
         head = stream.read(520)
     if _HDF5_MAGIC in head:
-        return read_hdf5(path)
+        return _refuse_objects(path, read_hdf5(path))
     from scipy import io as matlab
 
     try:
@@ -336,7 +336,19 @@ def read_mat(path: Path) -> RawLog:
     except (matlab.matlab.MatReadError, zlib.error, *_DAMAGED) as error:
         reason = "an array is larger than memory" if isinstance(error, MemoryError) else error
         raise build_file_error(path, f"this is not a MATLAB file that can be read: {reason}") from error
-    return _build_raw_log(path, _flatten_structures(content), {})
+    return _refuse_objects(path, _build_raw_log(path, _flatten_structures(content), {}))
+
+
+def _refuse_objects(path: Path, raw: RawLog) -> RawLog:
+    """Return a log of MATLAB, or refuse one that has objects, and no column of numbers."""
+    if raw.columns or not raw.others:
+        return raw
+    text = (
+        f"no array or structure of numbers is in the MATLAB file, but {', '.join(map(repr, raw.others))}, as "
+        "of a timetable, table or timeseries; save its columns: log.t = "
+        "seconds(T.Time); log.q = T.q; save('log.mat', '-struct', 'log')"
+    )
+    raise build_file_error(path, text)
 
 
 _MATLAB_MATRIX, _MATLAB_COMPRESSED = 14, 15
@@ -423,14 +435,25 @@ def _count_matlab_elements(elements: Sequence[bytes], order: str) -> tuple[int, 
     return {_MATLAB_TEXT: (4, 0), _MATLAB_FUNCTION: (3, 1)}.get(kind, (0, 0))
 
 
+_MOST_STRUCTURES = 1000
+"""Structures of an array, as of channels of dSPACE, that are columns `array[0].field`."""
+
+
 def _flatten_structures(content: dict[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
     for name, value in content.items():
         if name.startswith("__"):
             continue
         full = prefix + name
-        if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
+        if type(value).__name__ in ("MatlabOpaque", "MatlabFunction"):
+            # SciPy gives objects no name of their own.
+            yield str(value.reshape(-1)[0][0], "utf-8") if isinstance(value, np.ndarray) else full, None
+        elif isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
             record = value.reshape(-1)[0]
             yield from _flatten_structures({field: record[field] for field in value.dtype.names}, f"{full}.")
+        elif isinstance(value, np.ndarray) and value.dtype.names and value.size <= _MOST_STRUCTURES:
+            for place, record in enumerate(value.reshape(-1)):
+                own = {field: record[field] for field in value.dtype.names}
+                yield from _flatten_structures(own, f"{full}[{place}].")
         else:
             yield full, value
 

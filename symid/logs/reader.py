@@ -319,6 +319,16 @@ READERS: dict[str, Callable[[Path], RawLog]] = {
 }
 """Readers by suffix."""
 _PACKED = ".gz"
+_EXPORTS = {
+    ".bag": "convert a bag of ROS 1 by `rosbags-convert --src LOG.bag --dst FOLDER`",
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), "save the sheet as .csv"),
+    ".tdms": "export it from LabVIEW or DIAdem as text, .lvm or .csv",
+    **dict.fromkeys((".mf4", ".mdf", ".dat.gz"), "export it as .csv, .mat or .parquet"),
+    ".svdx": "export it from TwinCAT Scope as .csv",
+    ".idf": "export it from ControlDesk as .csv or .mat",
+    **dict.fromkeys((".pkl", ".feather"), "write it by pandas as .csv or .parquet"),
+}
+"""What to do with files of other programs."""
 
 _ENCODERS = ("motor_position", "link_position")
 _GAPLESS = ("position", "torque", *_ENCODERS, "load", "temperature")
@@ -488,6 +498,8 @@ def read_raw(path: Path) -> RawLog:
     if reader is None or (suffix.lower().endswith(_PACKED) and reader is not read_csv):
         found = repr(suffix) if suffix else "no suffix"
         text = f"a log must be one of {', '.join(READERS)}, or the folder of a ROS 2 bag, got {found}"
+        if remedy := _EXPORTS.get(suffix.lower()):
+            text = f"{text}; {remedy}"
         raise build_file_error(path, text, "log.unknown-suffix")
     if not exists:
         raise build_file_error(path, "there is no such file", "log.no-such-file")

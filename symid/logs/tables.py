@@ -46,10 +46,13 @@ _QUOTES = ("[", "(", "/", "'", '"')
 _SPACES = re.compile(r"\s+(?![\[(])(?![^\[(]*[\])])")
 """Between columns: not before a unit in brackets, or within one."""
 _COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
+_THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 _DATE = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d(?:[.,]\d{1,9})?) ?(Z|[+-]\d\d:?\d\d)?")
 _NO_UNIT = frozenset(("", "-", "none", "n/a"))
 _LABEL, _UNIT_LABELS = "name", frozenset(("unit", "units", "y_unit_label"))
 """First cells of rows above the numbers, where a program labels them: names of columns, units."""
+_MARKED = re.compile(r"\s*(?:Unit|Type|Interp|BlockPath|PortIndex): ?(.*)")
+"""Cells of the rows that Simulink's Data Inspector writes below the heading."""
 _REMARK = "comment"
 """Last name of a heading, whose column may be left out in rows (LabVIEW)."""
 
@@ -121,6 +124,12 @@ def read_csv(path: Path) -> RawLog:
         rows = layout.split(filled)
     except csv.Error as error:
         raise build_file_error(path, f"this is not a table that can be read: {error}") from error
+    commas = [cell.strip() for row in rows[:_LOOKED_AT] for cell in row if _COMMA.fullmatch(cell.strip())]
+    if layout.decimal == "," and all(map(_THOUSANDS.fullmatch, commas)):
+        text = (
+            f"numbers such as {commas[0]} may have a decimal comma or thousands apart; write decimal points"
+        )
+        raise build_file_error(path, text, "log.separator")
     place, units_place, start = _find_heading(rows, layout)
     if place < 0 and (heading := _find_comment_heading(every, filled[start], layout)) is not None:
         # As numpy.savetxt writes it.
@@ -252,13 +261,20 @@ def _find_heading(rows: list[list[str]], layout: _Layout) -> tuple[int, int, int
     while at > 0 and len(rows[at]) == layout.columns and any(has(rows[at], layout.is_number)):
         at -= 1
     start = at + 1
+    marked = -1
+    while at > 0 and all(map(_MARKED.fullmatch, (cells := [*filter(None, rows[at])]))):
+        marked = at if any(cell.startswith("Unit") for cell in cells) else marked
+        at -= 1
+    if marked >= 0:
+        return at, marked, start
     if at > 0 and len(rows[at]) == len(rows[at - 1]) and _are_units(rows[at]):
         return at - 1, at, start
     return at, units[-1] if units else -1, start
 
 
 def _clean_unit(cell: str) -> str:
-    return cell.strip().strip("[]()").strip()
+    marked = _MARKED.fullmatch(cell)
+    return (marked[1] if marked else cell).strip().strip("[]()").strip()
 
 
 def _are_units(row: Sequence[str]) -> bool:
