@@ -220,7 +220,11 @@ def _find_time_unit(time: FloatArray, raw: RawLog, robot: Robot, findings: Findi
     """
     steps = np.diff(time[np.isfinite(time)])
     period = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
-    position, velocity = (_try_quantity(raw, robot, name, len(time)) for name in ("position", "velocity"))
+    # Mistakes in them are told elsewhere.
+    position, velocity = (
+        extract_quantity(raw, robot, name, len(time), Findings(file=""))[0]
+        for name in ("position", "velocity")
+    )
     if period * get_unit_factor("ms")[1] < _PERIODS[0] or position is None:
         return "s"
     span = max(1, len(time) // 100)
@@ -253,12 +257,6 @@ def _find_time_unit(time: FloatArray, raw: RawLog, robot: Robot, findings: Findi
     reason = reason.format(speed=speed / scale, step=1e3 * period * scale)
     findings.remark("log.time-unit", f"time has no unit, and was taken to be in {found[0]}: {reason}")
     return found[0]
-
-
-def _try_quantity(raw: RawLog, robot: Robot, name: str, samples: int) -> FloatArray | None:
-    """Return a quantity (samples, n), None where it is not there; mistakes in it are told elsewhere."""
-    values, _ = extract_quantity(raw, robot, name, samples, Findings(file=""))
-    return values
 
 
 def extract_quantity(

@@ -391,10 +391,12 @@ def _add_times(raw: RawLog, robot: Robot, findings: Findings) -> RawLog:
 _SAMPLE_TIMES = "t"
 
 
+@np.errstate(all="ignore")
 def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLog | None = None) -> Recording:
     """Return the recording in a log, or raise a LogError with all mistakes.
 
-    `robot`: its `[log]` map says which column is what; `uneven`: whether times may be uneven, repeat or run
+    What NumPy finds odd in numbers that are none is told of the columns. `robot`: its `[log]` map says which
+    column is what; `uneven`: whether times may be uneven, repeat or run
     backwards; `raw`: the columns of the file, where they were read before.
     """
     raw = raw or read_raw(path)

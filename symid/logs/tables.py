@@ -20,7 +20,7 @@ import gzip
 import re
 import zlib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -87,6 +87,10 @@ class _Layout:
             return False
         return "_" not in cell
 
+    def is_value(self, cell: str) -> bool:
+        """Return whether a cell is a number or a date."""
+        return self.is_number(cell) or _DATE.fullmatch(cell.strip()) is not None
+
     def write_plain(self, cell: str) -> str:
         """Return a number with a decimal point, and nan for an empty cell."""
         cell = cell.strip()
@@ -105,7 +109,7 @@ _NAMES = {",": "commas", ";": "semicolons", "\t": "tabs", " ": "spaces"}
 
 def read_csv(path: Path) -> RawLog:
     """Return the columns of a text file, or raise a LogError with all bad lines and cells."""
-    said: list[tuple[str, str]] = []
+    said: list[str] = []
     text = _decode(path, said)
     numbered = (_Line(number, one) for number, one in enumerate(re.split("\r\n|\r|\n", text), 1))
     every = [entry for entry in numbered if entry.text.strip(" \t;,")]
@@ -134,16 +138,14 @@ def read_csv(path: Path) -> RawLog:
     if place < 0 and (heading := _find_comment_heading(every, filled[start], layout)) is not None:
         # As numpy.savetxt writes it.
         cells, line = layout.split([heading])[0], heading.number
-        said.append(("log.layout", f"the comment in line {line} is taken as the heading"))
+        said.append(f"the comment in line {line} is taken as the heading")
     else:
         cells, line = rows[max(place, 0)], filled[max(place, 0)].number
     start = max(start, 1) if place < 0 and not said else start
     found = [split_heading(cell) for cell in cells]
     data = [(filled[at].number, rows[at]) for at in range(start, len(rows)) if rows[at] != cells]
     if (again := len(rows) - start - len(data)) > 0:
-        said.append(
-            ("log.layout", f"the heading stands in the table again ({again} times), and was passed over")
-        )
+        said.append(f"the heading stands in the table again ({again} times), and was passed over")
     width = Counter(len(row) for _, row in data).most_common(1)[0][0] if data else len(found)
     if len(found) == width + 1 and found[-1][0].lower() in ("", _REMARK):
         found.pop()
@@ -156,23 +158,21 @@ def read_csv(path: Path) -> RawLog:
     if units_place >= 0:
         own = dict(zip(names, map(_clean_unit, rows[units_place]), strict=False))
         units |= {name: unit for name, unit in own.items() if unit.lower() not in _NO_UNIT | _UNIT_LABELS}
-        said.append(("log.layout", f"units are those in line {filled[units_place].number}"))
+        said.append(f"units are those in line {filled[units_place].number}")
     plain = layout.separator == "," or (layout.separator, layout.decimal) in ((";", "."), ("\t", "."))
     if not plain:
         mark = "decimal commas" if layout.decimal == "," else "decimal points"
-        said.insert(
-            0, ("log.layout", f"the table has {_NAMES[layout.separator]} between columns, and {mark}")
-        )
+        said.insert(0, f"the table has {_NAMES[layout.separator]} between columns, and {mark}")
     if place > 0 and (above := place - (0 <= units_place < place)) > 0:
-        said.append(("log.layout", f"{above} lines above the heading, line {line}, were passed over"))
+        said.append(f"{above} lines above the heading, line {line}, were passed over")
     columns, texts, dates = _read_columns(path, names, data, layout, said)
     units = {name: "s" if name in dates else unit for name, unit in units.items() if name not in texts}
     units |= dict.fromkeys(dates, "s")
-    notices = tuple(Notice(code=code, text=text, file=str(path)) for code, text in said)
+    notices = tuple(Notice(code="log.layout", text=text, file=str(path)) for text in said)
     return RawLog(columns=columns, units=units, others=texts, line=line, notices=notices)
 
 
-def _decode(path: Path, said: list[tuple[str, str]]) -> str:
+def _decode(path: Path, said: list[str]) -> str:
     """Return the text of a file, unpacked; what is not stated in it is said."""
     try:
         content = read_file(path, LARGEST_ARRAY)
@@ -199,7 +199,7 @@ def _decode(path: Path, said: list[tuple[str, str]]) -> str:
             text = content.decode("cp1252")
         except UnicodeDecodeError:
             raise build_file_error(path, f"this is not a text file that can be read: {error}") from error
-        said.append(("log.layout", "the text is no UTF-8, and was read as Windows-1252 (Latin-1)"))
+        said.append("the text is no UTF-8, and was read as Windows-1252 (Latin-1)")
     if found := _BINARY.search(text[: 1000 * _LOOKED_AT]):
         reason = f"the character {found[0]!r} is none of a text"
         raise build_file_error(path, f"this is not a text file that can be read: {reason}")
@@ -233,20 +233,17 @@ def _find_heading(rows: list[list[str]], layout: _Layout) -> tuple[int, int, int
     looked = rows[:_LOOKED_AT]
     own = [row for row in looked if len(row) == layout.columns]
     counts = [
-        sum(
-            layout.is_number(row[k]) or not row[k].strip() or bool(_DATE.fullmatch(row[k].strip()))
-            for row in own
-        )
-        for k in range(layout.columns)
+        sum(not row[k].strip() or layout.is_value(row[k]) for row in own) for k in range(layout.columns)
     ]
     numeric = [k for k, count in enumerate(counts) if 2 * count > len(own)] or [*range(layout.columns)]
 
-    def has(row: list[str], test: Callable[[str], bool]) -> list[bool]:
-        return [test(row[k]) or bool(_DATE.fullmatch(row[k].strip())) for k in numeric if row[k].strip()]
+    def find_values(row: list[str]) -> list[bool]:
+        return (
+            [layout.is_value(row[k]) for k in numeric if row[k].strip()] if len(row) == layout.columns else []
+        )
 
     def is_data(row: list[str]) -> bool:
-        found = has(row, layout.is_number) if len(row) == layout.columns else []
-        return bool(found) and all(found)
+        return all(found := find_values(row)) and bool(found)
 
     first = next((at for at, row in enumerate(looked) if is_data(row)), 0)
     if first == 0:
@@ -258,7 +255,7 @@ def _find_heading(rows: list[list[str]], layout: _Layout) -> tuple[int, int, int
         return labelled[-1], units[-1] if units else -1, first
     at = first - 1
     # Above the first good numbers may stand bad ones.
-    while at > 0 and len(rows[at]) == layout.columns and any(has(rows[at], layout.is_number)):
+    while at > 0 and any(find_values(rows[at])):
         at -= 1
     start = at + 1
     marked = -1
@@ -333,7 +330,7 @@ def _read_columns(
     names: list[str],
     data: Sequence[tuple[int, list[str]]],
     layout: _Layout,
-    said: list[tuple[str, str]],
+    said: list[str],
 ) -> tuple[dict[str, FloatArray], tuple[str, ...], tuple[str, ...]]:
     """Return the columns of numbers by name, the names of those of words, and of those that were dates."""
     problems: _Problems = [
@@ -363,10 +360,10 @@ def _read_columns(
                 else:
                     columns[name] = _read_numbers(name, cells, layout, problems)
     if len(columns) < len(names) - len(words):
-        said.append(("log.layout", "of columns with one name and equal cells one was read"))
+        said.append("of columns with one name and equal cells one was read")
     if dates:
         text = f"dates of {', '.join(map(repr, dates))} became s from the whole second of the first one"
-        said.append(("log.layout", text))
+        said.append(text)
     more = len(problems) - _MOST_LISTED
     problems = sorted(problems)[:_MOST_LISTED]
     if more > 0:
