@@ -35,6 +35,7 @@ NOTES = frozenset(
         *("identify.unused-processing", "lesson.not-executed"),
         *("log.aligned", "log.converted", "log.cut", "log.delay-refuted", "log.folded", "log.in-line"),
         *("log.motor-position", "log.offset", "log.payload", "log.resampled", "log.topic-read", "log.wraps"),
+        *("log.episodes", "log.layout", "log.missing", "log.sample-rate", "log.time-unit"),
         "log.incomplete-messages",
         *("new.assumed-gear", "new.assumed-order", "new.assumed-side", "new.gravity"),
         *("new.friction-kept", "new.preset", "new.unused-columns", "payload.controller-scope"),

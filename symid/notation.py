@@ -8,6 +8,7 @@ Not supported: arithmetic on units, prefixes on names that are not listed.
 
 import difflib
 import math
+import re
 from dataclasses import dataclass
 
 INERTIAL = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
@@ -110,7 +111,7 @@ def get_unit(name: str, *, prismatic: bool = False) -> str:
 
 _TURN = 2 * math.pi
 _DEGREE = math.pi / 180
-_A_MINUTE = dict.fromkeys(("rpm", "rev/min"), _TURN / 60)
+_A_MINUTE = dict.fromkeys(("rpm", "rev/min", "U/min", "1/min", "min^-1"), _TURN / 60)
 _MOMENTS = (("N", "m", 1.0), ("mN", "m", 1e-3), ("N", "cm", 1e-2), ("kN", "m", 1e3))
 _FACTORS = {
     # `SI` stands for rad or m, N m or N, whichever the joint has.
@@ -141,8 +142,39 @@ UNITS: dict[str, tuple[str, float]] = {
 """Dimension and factor to SI of each unit."""
 
 
+_LIKE = (
+    *(
+        ("**", "^"),
+        ("*", " "),
+        ("\N{MIDDLE DOT}", " "),
+        ("\N{DOT OPERATOR}", " "),
+        ("\N{SUPERSCRIPT TWO}", "^2"),
+    ),
+    *(("\N{DEGREE SIGN}", "deg"), ("\N{MASCULINE ORDINAL INDICATOR}", "deg")),
+    *(("\N{MICRO SIGN}", "u"), ("\N{GREEK SMALL LETTER MU}", "u")),
+)
+"""Other signs for the same."""
+_WORDS = {
+    **dict.fromkeys(("sec", "second", "seconds"), "s"),
+    "msec": "ms",
+    "usec": "us",
+    "nsec": "ns",
+    **dict.fromkeys(("degree", "degrees"), "deg"),
+    **dict.fromkeys(("radian", "radians"), "rad"),
+}
+"""Other words for the same."""
+_IN_CAPITALS = {
+    unit.upper(): unit for unit in UNITS if unit not in {"mN", "mN m", "mNm", "mA", "mV", "mrad", "mrad/s"}
+}
+"""Units by their names in capitals, without those in which M could be mega."""
+
+
 def _normalise_unit(name: str) -> str:
-    return " ".join(name.replace("**", "^").replace("*", " ").replace("\N{MIDDLE DOT}", " ").split())
+    for sign, plain in _LIKE:
+        name = name.replace(sign, plain)
+    parts = re.split(r"([ /])", " ".join(name.split()))
+    name = "".join(_WORDS.get(part.lower(), part) for part in parts)
+    return name if name in UNITS or not name[:1].isupper() else _IN_CAPITALS.get(name.upper(), name)
 
 
 def get_unit_factor(name: str) -> tuple[str, float]:

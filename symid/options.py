@@ -439,6 +439,15 @@ class ExportOptions(Options):
     )
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogOptions(Options):
+    """How logs are read, besides the map of the robot file."""
+
+    sample_rate: float | None = _input(
+        None, "Sample rate of logs without times; it replaces their times.", ABOVE, "HZ", shown=False
+    )
+
+
 _ROWS = ("torque", "momentum", "filtered", "power", "energy")
 
 

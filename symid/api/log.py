@@ -21,6 +21,7 @@ from symid.api.result import DrawnResult, PagedResult
 from symid.arrays import FloatArray
 from symid.errors import LogError, Notice, UsageError
 from symid.identification import IdentifyOptions, LawOptions, rigid
+from symid.options import ABOVE, check_value
 
 Settings = str | Mapping[str, object]
 """Settings in place of the robot file's: the name of a set in the file, or values by dotted key.
@@ -308,13 +309,18 @@ def take_one_log(log: LogLike, pairs: Sequence[tuple[str, str]] = ()) -> "Path |
 
 
 def read_logs(
-    path: str | PathLike[str], robot: "identification.Described", *, uneven: bool = False
+    path: str | PathLike[str],
+    robot: "identification.Described",
+    *,
+    uneven: bool = False,
+    sample_rate: float | None = None,
 ) -> tuple[Log, ...]:
-    """Return the logs of a file: one, or those of all runs listed in a `.toml`.
+    """Return the logs of a file: one, several where time starts again, or all runs listed in a `.toml`.
 
     Args:
         path: a log, or a file with `[[run]]` tables.
         robot: its `[log]` map assigns the columns.
+        sample_rate: of a log without times, Hz; it stands for that of the map.
         uneven: keep uneven time stamps and other faults; otherwise they are repaired, and notices say how.
 
     Raises:
@@ -326,21 +332,32 @@ def read_logs(
         >>> [len(log) for log in symid.read_logs(robot.simulate(duration=1.0).save("run.npz"), robot)]
         [1001]
     """
-    recordings = log_files.read_recordings((Path(fspath(path)),), robot.description, uneven=uneven)
-    return tuple(Log(recording=recording, robot=robot.description) for recording in recordings)
+    check_value("sample_rate", sample_rate, ABOVE)
+    described = robot.description
+    if sample_rate is not None:
+        described = replace(described, log=replace(described.log, sample_rate=sample_rate))
+    recordings = log_files.read_recordings((Path(fspath(path)),), described, uneven=uneven)
+    return tuple(Log(recording=recording, robot=described) for recording in recordings)
 
 
-def read_log(path: str | PathLike[str], robot: "identification.Described", *, uneven: bool = False) -> Log:
+def read_log(
+    path: str | PathLike[str],
+    robot: "identification.Described",
+    *,
+    uneven: bool = False,
+    sample_rate: float | None = None,
+) -> Log:
     """Return the log in a file, converted to SI units on the joint side.
 
     Args:
         path: csv, npz, mat, hdf5, parquet, or a ROS 2 bag (db3, mcap, a folder).
         robot: its `[log]` map says which column is what, in which unit, and on which side of the gear;
             without one columns are recognised by their names.
+        sample_rate: of a log without times, Hz; it stands for that of the map.
         uneven: keep uneven time stamps and other faults; otherwise they are repaired, and notices say how.
 
     Raises:
-        LogError: the log cannot be used (all mistakes are listed), or the file lists several runs.
+        LogError: the log cannot be used (all mistakes are listed), or the file has several.
 
     Example:
         >>> import symid
@@ -349,9 +366,9 @@ def read_log(path: str | PathLike[str], robot: "identification.Described", *, un
         >>> log.q.shape[1]
         2
     """
-    found = read_logs(path, robot, uneven=uneven)
+    found = read_logs(path, robot, uneven=uneven, sample_rate=sample_rate)
     if len(found) > 1:
-        text = f"lists {len(found)} runs; symid.read_logs returns them all"
+        text = f"has {len(found)} runs; symid.read_logs returns them all"
         raise LogError(Notice(code="log.runs", text=text, file=fspath(path)))
     return found[0]
 

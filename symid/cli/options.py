@@ -20,7 +20,19 @@ from symid.api import BACKENDS
 from symid.cli.call import Answer, Console
 from symid.environment import show_path
 from symid.errors import Notice, OutputError, UsageError
-from symid.options import FOUND, TEXT, Kind, Options, inner, list_flags, list_options, number, option, words
+from symid.options import (
+    FOUND,
+    TEXT,
+    Kind,
+    LogOptions,
+    Options,
+    inner,
+    list_flags,
+    list_options,
+    number,
+    option,
+    words,
+)
 
 if TYPE_CHECKING:
     from symid import RobotModel
@@ -83,6 +95,8 @@ class Verb(click.Command):
             named = given.pop("named_settings")
             expected = "KEY=VALUE, such as processing.filter_cutoff=50"
             single = split_pairs("--set", given.pop("pairs"), expected, "usage.bad-setting")
+            if (rate := given.pop("sample_rate", None)) is not None:
+                single["log.sample_rate"] = repr(rate)
             given["settings"] = ({} if named is None else {"settings": named}) | single
         accepted, opened = given.pop("accepted", False), given.pop("opened", False)
         answer = super().invoke(ctx)
@@ -302,6 +316,7 @@ settings_options = add_options(
         multiple=True,
         metavar="KEY=VALUE",
     ),
+    record_options(LogOptions),
 )
 accept_option = OUTPUT(
     "--accept accepted", "Go on although the verdict is wrong: exit code 0, and a warning.", is_flag=True

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from symid.logs.faults import choose_times as choose_times, repair_recording as repair_recording
     from symid.logs.files import (
         RawLog as RawLog,
-        read_csv as read_csv,
         write_raw_log as write_raw_log,
         write_recording as write_recording,
     )
@@ -83,6 +82,7 @@ if TYPE_CHECKING:
         mask_touched as mask_touched,
         prepare_signals as prepare_signals,
     )
+    from symid.logs.tables import read_csv as read_csv
 else:
     from symid.lazy import load_names
 

@@ -74,12 +74,13 @@ def read_bag(path: Path) -> RawLog:
     """Return the columns of a bag, or raise a LogError, also if rosbags is not installed."""
     try:
         import apsw
-        from rosbags.rosbag2 import Reader, ReaderError
+        from rosbags.rosbag2 import Reader, ReaderError, reader as storage
         from rosbags.serde import SerdeError
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
     except ImportError as error:
         text = "ROS 2 bags need rosbags: install it as the extra ros, pip install 'symid[ros]'"
         raise build_file_error(path, text, "log.needs-ros") from error
+    damage: type[Exception] = vars(storage)["zstd"].ZstdError
     store = get_typestore(Stores.LATEST)
     for name, text in _DEFINITIONS.items():
         store.register(get_types_from_msg(text, name))
@@ -102,7 +103,8 @@ def read_bag(path: Path) -> RawLog:
                     found.setdefault(entry.topic, []).append(parsed)
     # The readers raise any of these on a damaged file, according to where the damage lies.
     except (
-        *(ReaderError, SerdeError, apsw.Error, struct.error, OSError, ValueError, TypeError),
+        *(ReaderError, SerdeError, damage, apsw.Error, struct.error, OSError, ValueError),
+        TypeError,
         *(AssertionError, LookupError, EOFError, RuntimeError, MemoryError, OverflowError),
     ) as error:
         if isinstance(error, PermissionError):

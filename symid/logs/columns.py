@@ -185,7 +185,10 @@ def extract_time(raw: RawLog, robot: Robot, findings: Findings) -> tuple[FloatAr
     array = _stack_columns(raw, names, "time", findings, mapped=mapped is not None)
     if array is None:
         return None, names
-    unit = choose_unit(raw, names, mapped, "s", findings)
+    standard = "s"
+    if mapped is None and names[0] not in raw.units and array.shape[1] == 1:
+        standard = _find_time_unit(array[:, 0], raw, robot, findings)
+    unit = choose_unit(raw, names, mapped, standard, findings)
     found = _read_unit(unit, "time", findings)
     if found is None:
         return None, names
@@ -199,6 +202,61 @@ def extract_time(raw: RawLog, robot: Robot, findings: Findings) -> tuple[FloatAr
     if factor != 1.0:
         findings.remark("log.converted", f"time: column {names[0]!r} in {unit} was multiplied by {factor:g}")
     return array[:, 0] * factor, names
+
+
+_PERIODS = (2e-5, 0.5)
+"""Sample periods of robots' logs, s: faster than any drive, and too slow for any motion."""
+_SPEEDS = (0.02, 30.0)
+"""Speeds, rad/s or m/s, of a joint that is moved to be identified: creeping, and faster than any robot."""
+_ALIKE = 0.1
+"""Part by which the way of a joint and the integral of its velocity may differ."""
+
+
+def _find_time_unit(time: FloatArray, raw: RawLog, robot: Robot, findings: Findings) -> str:
+    """Return the unit of times (N,) that state none: of periods that logs have, that in which joints move.
+
+    A logged velocity decides, else the fastest joint's speed. Where that is not sure, or steps count samples,
+    no unit is a mistake.
+    """
+    steps = np.diff(time[np.isfinite(time)])
+    period = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
+    # Mistakes in them are told elsewhere.
+    position, velocity = (
+        extract_quantity(raw, robot, name, len(time), Findings(file=""))[0]
+        for name in ("position", "velocity")
+    )
+    if period * get_unit_factor("ms")[1] < _PERIODS[0] or position is None:
+        return "s"
+    span = max(1, len(time) // 100)
+    whole = np.isfinite(position).all(axis=1) & np.isfinite(time)
+    way = np.abs(position[whole][span:] - position[whole][:-span])
+    if not len(way) or not way.any():
+        return "s"
+    speed = float(np.max(np.quantile(way, 0.95, axis=0))) / (span * period)
+    units = [unit for unit in ("s", "ms", "us", "ns") if _PERIODS[0] <= period * get_unit_factor(unit)[1]]
+    units = [unit for unit in units if unit == "s" or period * get_unit_factor(unit)[1] <= _PERIODS[1]]
+    reason = "in it the fastest joint moves at {speed:.3g} rad/s or m/s, one sample every {step:.3g} ms"
+    found = [unit for unit in units if _SPEEDS[0] <= speed / get_unit_factor(unit)[1] <= _SPEEDS[1]]
+    if velocity is not None and np.isfinite(velocity[whole]).all():
+        moved = np.abs(np.diff(position[whole], axis=0)).sum()
+        ratio = float(moved / (0.5 * np.abs(velocity[whole][1:] + velocity[whole][:-1]).sum() * period))
+        found = [unit for unit in units if abs(ratio / get_unit_factor(unit)[1] - 1.0) < _ALIKE]
+        reason = "in it the logged velocity is the rate of the position"
+    counter, slow = bool(np.all(steps == 1.0)), period <= _PERIODS[1]
+    # Where seconds may be meant they are, unless a velocity says otherwise.
+    if found == ["s"] or (slow and ("s" in found or not found)):
+        return "s"
+    if len(found) != 1 or (velocity is None and (slow or counter)):
+        text = f"time has no unit, and its steps are {period:.6g}: state it by --set log.time.unit=ms"
+        text = f"{text} (with log.time.column=NAME), or us, ns, s, or in the heading"
+        if counter:
+            text += "; if it counts samples, give --sample-rate HZ"
+        findings.refuse("log.time-unit", text)
+        return "s"
+    scale = get_unit_factor(found[0])[1]
+    reason = reason.format(speed=speed / scale, step=1e3 * period * scale)
+    findings.remark("log.time-unit", f"time has no unit, and was taken to be in {found[0]}: {reason}")
+    return found[0]
 
 
 def extract_quantity(
@@ -300,7 +358,9 @@ def _stack_columns(
     hint = f"; without [log.{quantity}] it must be named {' or '.join(stems)}; else use --set log.{quantity}."
     for name in missing:
         text = _describe_missing(raw, name, quantity)
-        findings.refuse("log.missing-column", text if mapped else f"{text}{hint}{option}")
+        text = text if mapped else f"{text}{hint}{option}"
+        remedy = "; a log without times is read by --sample-rate HZ" if quantity == "time" else ""
+        findings.refuse("log.missing-column", f"{text}{remedy}")
     if missing:
         return None
     parts = [np.atleast_1d(raw.columns[name]) for name in names]

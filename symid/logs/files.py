@@ -1,10 +1,7 @@
-"""Log files: columns of text, NumPy, MATLAB, HDF5 and Parquet files, and logs written as .npz or .csv.
+"""Log files: columns of NumPy, MATLAB, HDF5 and Parquet files, and logs written as .npz or .csv.
 
 Path -> RawLog; Recording or RawLog -> file, written whole or not at all, the same bytes for the same log.
 
-    .csv .txt     comma, semicolon or tab between columns; the heading names columns and may state units:
-                  `t [s],q1 [rad],tau1 [N m]`; lines that start with # are skipped, an empty cell is NaN,
-                  columns of words are passed over. Not supported: a decimal comma, files without a heading.
     .npz          arrays of real numbers, (N,) or (N, k); an array of texts named `units` may state units:
                   `["t [s]", "q [rad]"]`. Not supported: pickled objects, which could run code when loaded.
     .mat          version 4 and 5 to 7.2; a field of a structure is the column `structure.field`; version 7.3
@@ -26,7 +23,6 @@ import tokenize
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import IO, Any
@@ -34,7 +30,7 @@ from typing import IO, Any
 import numpy as np
 
 from symid.arrays import FloatArray, freeze
-from symid.environment import check_suffix, read_file, write_file
+from symid.environment import check_suffix, write_file
 from symid.errors import LogError, Notice, OutputError
 from symid.logs.recording import Recording
 from symid.notation import get_unit
@@ -64,13 +60,37 @@ LARGEST_ARRAY, LARGEST_LOG = 10**9, 4 * 10**9
 """Bytes of an array, and of all arrays of a log, that are read: 39 hours of a number at 900 Hz."""
 
 
+_UNPACKED, _RATIO = 400_000_000, 20
+"""Bytes that any file may unpack to, and times its size that it may: motions pack to a third at best."""
+
+
+def check_unpacked(path: Path, unpacked: float) -> None:
+    """Refuse a file that unpacks to far more than it holds, before it does."""
+    most = min(LARGEST_LOG, max(_UNPACKED, _RATIO * path.stat().st_size))
+    if unpacked > most:
+        text = f"the log unpacks to more than {most / 1e9:.3g} GB; cut it into several, or save it not packed"
+        raise build_file_error(path, text, "log.too-large")
+
+
+MOST_COLUMNS = 10_000
+"""Columns of a log: of seven joints with every derivative 100 times as many as there are."""
+
+
+def check_width(path: Path, columns: int) -> None:
+    """Refuse a log with more columns than any has."""
+    if columns > MOST_COLUMNS:
+        text = f"the log has more than {MOST_COLUMNS} columns; if it has a row a quantity, transpose it"
+        raise build_file_error(path, text, "log.too-large")
+
+
 def _build_raw_log(path: Path, entries: Iterable[tuple[str, object]], units: Mapping[str, str]) -> RawLog:
     """Return the columns of real numbers as float64, and the names of everything else."""
     columns: dict[str, FloatArray] = {}
     others: dict[str, None] = {}
     large: dict[str, int] = {}
-    room = LARGEST_LOG
+    unpacked = 0
     for name, values in entries:
+        check_width(path, len(columns) + len(others))
         # In place of an array that is too large to be read stands its size in bytes.
         if isinstance(values, int):
             others[name], large[name] = None, values
@@ -81,10 +101,8 @@ def _build_raw_log(path: Path, entries: Iterable[tuple[str, object]], units: Map
             continue
         # A MATLAB column is (N, 1), a row (1, N): both are one column.
         columns[name] = freeze(array.reshape(-1) if array.ndim == 2 and 1 in array.shape else array)
-        room -= columns[name].nbytes
-        if room < 0:
-            text = f"the log has more than {LARGEST_LOG / 1e9:.3g} GB of numbers; cut it into several"
-            raise build_file_error(path, text, "log.too-large")
+        unpacked += columns[name].nbytes
+        check_unpacked(path, unpacked)
     notices = []
     if large:
         names = ", ".join(f"{name!r} ({size / 1e9:.3g} GB)" for name, size in large.items())
@@ -107,113 +125,6 @@ def build_file_error(path: Path, text: str, code: str = "log.format") -> LogErro
     return LogError(Notice(code=code, text=text, file=str(path)))
 
 
-_SEPARATORS = ",;\t"
-_MOST_LISTED = 5
-_LOOKED_AT = 20
-_QUOTES = ("[", "(", "/", "'", '"')
-
-TableLines = list[tuple[int, list[str]]]
-"""Lines of a table: number in the file, counted from one, and cells."""
-
-
-def read_csv(path: Path) -> RawLog:
-    """Return the columns of a text file, or raise a LogError with all bad lines and cells."""
-    try:
-        text = read_file(path, LARGEST_ARRAY).decode("utf-8-sig")
-    except (UnicodeDecodeError, OSError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise build_file_error(path, f"this is not a text file that can be read: {reason}") from error
-    numbered = enumerate(text.splitlines(), 1)
-    filled = [(number, line) for number, line in numbered if line.strip() and line[0] != "#"]
-    if not filled:
-        raise build_file_error(path, "the file has no line with column names")
-    separator = max(_SEPARATORS, key=filled[0][1].count)
-    table = csv.reader((line for _, line in filled), delimiter=separator, skipinitialspace=True)
-    try:
-        lines: TableLines = [(number, row) for (number, _), row in zip(filled, table, strict=False)]
-    except csv.Error as error:
-        raise build_file_error(path, f"this is not a table that can be read: {error}") from error
-    headings = [split_heading(cell) for cell in lines[0][1]]
-    names = [name for name, _ in headings]
-    _check_heading(path, lines, names)
-    # Columns of words are left out, unless that is every one.
-    texts: tuple[str, ...] = ()
-    rows, first = lines[1:], lines[1 : _LOOKED_AT + 1]
-    if first and all(len(cells) == len(names) for _, cells in rows):
-        words = [
-            name
-            for index, name in enumerate(names)
-            if all(cells[index].strip()[:1].isalpha() and not _is_number(cells[index]) for _, cells in first)
-            or all(cells[index].strip()[:1] in _QUOTES for _, cells in first)
-        ]
-        texts = tuple(words) if len(words) < len(names) else ()
-    kept = [index for index, name in enumerate(names) if name not in texts]
-    if texts:
-        rows = [(number, [cells[index] for index in kept]) for number, cells in rows]
-    values = _read_numbers(path, [names[index] for index in kept], rows)
-    return RawLog(
-        columns={names[index]: np.ascontiguousarray(values[:, place]) for place, index in enumerate(kept)},
-        units={name: unit for name, unit in headings if unit is not None and name not in texts},
-        others=texts,
-        line=lines[0][0],
-    )
-
-
-def _check_heading(path: Path, lines: TableLines, names: list[str]) -> None:
-    """Refuse a first line that does not name the columns, each by a name of its own."""
-    first = lines[1][1] if len(lines) > 1 else [""]
-    parts = first[0].split() if len(first) == 1 else []
-    twice = sorted({name for name in names if names.count(name) > 1})
-    # Names have spaces too.
-    if len(names) == 1 and len(parts) > 1 and all(map(_is_number, parts)):
-        code, text = "log.separator", "columns are separated by spaces; use commas, semicolons or tabs"
-    elif all(map(_is_number, names)):
-        code = "log.no-heading"
-        text = "the first line has numbers; it must name the columns, as in: t [s],q1 [rad],tau1 [N m]"
-    elif twice:
-        code = "log.duplicate-column"
-        text = f"more than one column is named {', '.join(map(repr, twice))}; give each its own name"
-    else:
-        return
-    raise LogError(Notice(code=code, text=text, file=str(path), line=lines[0][0]))
-
-
-def _read_numbers(path: Path, names: list[str], lines: TableLines) -> FloatArray:
-    problems = [
-        (number, "log.line-length", f"{len(cells)} cells, the heading names {len(names)} columns")
-        for number, cells in lines
-        if len(cells) != len(names)
-    ]
-    if not problems:
-        # Python and numpy read 1_000 as a number, no other program does.
-        if not any("_" in cell for _, cells in lines for cell in cells):
-            with suppress(ValueError):
-                values = np.array([cells for _, cells in lines], dtype=np.float64)
-                return values.reshape(len(lines), len(names))
-        problems = [
-            (number, "log.not-a-number", f"column {name!r}: {cell!r} is not a number (use a decimal point)")
-            for number, cells in lines
-            for name, cell in zip(names, cells, strict=True)
-            if cell.strip() and not _is_number(cell)
-        ]
-    if not problems:
-        filled = [[cell.strip() or "nan" for cell in cells] for _, cells in lines]
-        return np.array(filled, dtype=np.float64)
-    more = len(problems) - _MOST_LISTED
-    problems = problems[:_MOST_LISTED]
-    if more > 0:
-        problems.append((0, "log.more", f"{more} more lines or cells like these"))
-    raise LogError(*(Notice(code=code, text=text, file=str(path), line=at) for at, code, text in problems))
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return "_" not in text
-
-
 UNITS_ARRAY = "units"
 """Name of the array that states units."""
 
@@ -232,8 +143,12 @@ def read_npz(path: Path) -> RawLog:
             archive = np.load(stream, allow_pickle=False)
             if not isinstance(archive, np.lib.npyio.NpzFile):
                 raise build_file_error(path, "this is a single array (.npy), not a NumPy archive (.npz)")
+            check_width(path, len(archive.files))
+            unpacked = 0
             for name in archive.files:
                 size = _measure_member(archive, name)
+                unpacked += size if size <= LARGEST_ARRAY else 0
+                check_unpacked(path, unpacked)
                 try:
                     content[name] = size if size > LARGEST_ARRAY else archive[name]
                 except ValueError:  # an array of objects; it is reported as no column of numbers
@@ -286,11 +201,15 @@ def read_hdf5(path: Path) -> RawLog:
         )
         raise build_file_error(path, text, "log.needs-hdf5") from error
     entries: list[tuple[str, object]] = []
-    units = {}
+    units, unpacked = {}, 0
     try:
         with h5py.File(path, "r") as file:
             for name, data in _walk_data_sets(h5py, file):
-                entries.append((name, _load_data_set(data)))
+                check_width(path, len(entries))
+                values = _load_data_set(data)
+                entries.append((name, values))
+                unpacked += values.nbytes if isinstance(values, np.ndarray) else 0
+                check_unpacked(path, unpacked)
                 texts = (_decode_text(data.attrs.get(key)) for key in ("unit", "units"))
                 unit = next((text for text in texts if text), None)
                 if unit:
@@ -347,9 +266,8 @@ def read_parquet(path: Path) -> RawLog:
         raise build_file_error(path, text, "log.needs-parquet") from error
     try:
         found = parquet.read_metadata(str(path))
-        if found.num_rows * found.num_columns * 8 > LARGEST_LOG:
-            text = f"the log has more than {LARGEST_LOG / 1e9:.3g} GB of numbers; cut it into several"
-            raise build_file_error(path, text, "log.too-large")
+        check_width(path, found.num_columns)
+        check_unpacked(path, 8 * found.num_rows * found.num_columns)
         table = parquet.read_table(str(path), partitioning=None)
         while any(pa.types.is_struct(entry.type) for entry in table.schema):
             table = table.flatten()
@@ -402,20 +320,35 @@ def read_mat(path: Path) -> RawLog:
     with path.open("rb") as stream:
         head = stream.read(520)
     if _HDF5_MAGIC in head:
-        return read_hdf5(path)
+        return _refuse_objects(path, read_hdf5(path))
     from scipy import io as matlab
 
     try:
         # Version 4 begins with a number of which some bytes are zero.
         if 0 not in head[:4] and not _has_matlab_elements(path.read_bytes()):
-            text = "this is not a MATLAB file that can be read: its elements are damaged"
+            text = (
+                "this is not a MATLAB file that can be read: its elements are damaged, or unpack to far more "
+                "than the file holds; save it again, by save(..., '-v6')"
+            )
             raise build_file_error(path, text)
         content = matlab.loadmat(str(path), struct_as_record=True)
     # SciPy raises any of these on a damaged file, according to where the damage lies.
     except (matlab.matlab.MatReadError, zlib.error, *_DAMAGED) as error:
         reason = "an array is larger than memory" if isinstance(error, MemoryError) else error
         raise build_file_error(path, f"this is not a MATLAB file that can be read: {reason}") from error
-    return _build_raw_log(path, _flatten_structures(content), {})
+    return _refuse_objects(path, _build_raw_log(path, _flatten_structures(content), {}))
+
+
+def _refuse_objects(path: Path, raw: RawLog) -> RawLog:
+    """Return a log of MATLAB, or refuse one that has objects, and no column of numbers."""
+    if raw.columns or not raw.others:
+        return raw
+    text = (
+        f"no array or structure of numbers is in the MATLAB file, but {', '.join(map(repr, raw.others))}, as "
+        "of a timetable, table or timeseries; save its columns: log.t = "
+        "seconds(T.Time); log.q = T.q; save('log.mat', '-struct', 'log')"
+    )
+    raise build_file_error(path, text)
 
 
 _MATLAB_MATRIX, _MATLAB_COMPRESSED = 14, 15
@@ -427,21 +360,25 @@ _MATLAB_FUNCTION, _MATLAB_OPAQUE = 16, 17
 """Classes of matrices."""
 _MATLAB_IS_COMPLEX = 8
 _MATLAB_HEADER, _DEEPEST = 128, 100
+_MATLAB_UNPACKED = 100_000_000
+"""Bytes that any file may unpack to: of cells, each takes ten times as much in memory."""
 
 
 def _has_matlab_elements(content: bytes) -> bool:
     """Return whether versions 5 to 7.2 have known elements: SciPy takes types as an index, and crashes."""
     order = "<" if content[126:128] == b"IM" else ">"
+    room = max(_MATLAB_UNPACKED, _RATIO * len(content))
     return all(
         kind == _MATLAB_MATRIX and _is_matlab_matrix(data, order, 1)
-        for kind, data in _list_matlab_elements(content[_MATLAB_HEADER:], order, inflate=True)
+        for kind, data in _list_matlab_elements(content[_MATLAB_HEADER:], order, room)
     )
 
 
-def _list_matlab_elements(
-    content: bytes, order: str, *, inflate: bool = False
-) -> Iterator[tuple[int, bytes]]:
-    """Yield type and data of each element; type 0, which none has, where one is larger than what is left."""
+def _list_matlab_elements(content: bytes, order: str, room: int = 0) -> Iterator[tuple[int, bytes]]:
+    """Yield type and data of each element; type 0, which none has, where one is larger than what is left.
+
+    Packed ones are unpacked where there is `room`, bytes, all together, for them.
+    """
     place = 0
     while place + 8 <= len(content):
         kind, size = struct.unpack_from(f"{order}II", content, place)
@@ -455,8 +392,10 @@ def _list_matlab_elements(
         data = content[start : start + size]
         if size > most:
             yield 0, b""
-        elif kind == _MATLAB_COMPRESSED and inflate:
-            yield from _list_matlab_elements(zlib.decompressobj().decompress(data, LARGEST_ARRAY), order)
+        elif kind == _MATLAB_COMPRESSED and room:
+            unpacked = zlib.decompressobj().decompress(data, room)
+            room -= len(unpacked)
+            yield from _list_matlab_elements(unpacked, order) if room > 0 else ((0, b""),)
         else:
             yield kind, data
 
@@ -496,14 +435,25 @@ def _count_matlab_elements(elements: Sequence[bytes], order: str) -> tuple[int, 
     return {_MATLAB_TEXT: (4, 0), _MATLAB_FUNCTION: (3, 1)}.get(kind, (0, 0))
 
 
+_MOST_STRUCTURES = 1000
+"""Structures of an array, as of channels of dSPACE, that are columns `array[0].field`."""
+
+
 def _flatten_structures(content: dict[str, object], prefix: str = "") -> Iterator[tuple[str, object]]:
     for name, value in content.items():
         if name.startswith("__"):
             continue
         full = prefix + name
-        if isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
+        if type(value).__name__ in ("MatlabOpaque", "MatlabFunction"):
+            # SciPy gives objects no name of their own.
+            yield str(value.reshape(-1)[0][0], "utf-8") if isinstance(value, np.ndarray) else full, None
+        elif isinstance(value, np.ndarray) and value.dtype.names and value.size == 1:
             record = value.reshape(-1)[0]
             yield from _flatten_structures({field: record[field] for field in value.dtype.names}, f"{full}.")
+        elif isinstance(value, np.ndarray) and value.dtype.names and value.size <= _MOST_STRUCTURES:
+            for place, record in enumerate(value.reshape(-1)):
+                own = {field: record[field] for field in value.dtype.names}
+                yield from _flatten_structures(own, f"{full}[{place}].")
         else:
             yield full, value
 

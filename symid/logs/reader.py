@@ -13,6 +13,7 @@ Not supported: numbered columns of JointState messages whose order of joints cha
 """
 
 import re
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +21,7 @@ from typing import Any
 
 import numpy as np
 
-from symid.arrays import FloatArray
+from symid.arrays import FloatArray, freeze
 from symid.errors import LogError
 from symid.logs import headings
 from symid.logs.bags import STORAGE_SUFFIXES, is_bag_folder, pick_topic, read_bag
@@ -33,10 +34,19 @@ from symid.logs.columns import (
     has_default_columns,
     join_names,
 )
-from symid.logs.files import RawLog, build_file_error, read_csv, read_hdf5, read_mat, read_npz, read_parquet
+from symid.logs.files import (
+    DEFAULT_NAMES,
+    RawLog,
+    build_file_error,
+    read_hdf5,
+    read_mat,
+    read_npz,
+    read_parquet,
+)
 from symid.logs.headings import REQUIRED_QUANTITIES, Names, is_commanded
 from symid.logs.recording import OPTIONAL_CHANNELS, Recording
 from symid.logs.signals import choose_processing, compute_least_samples, describe_too_short, describe_uneven
+from symid.logs.tables import read_csv
 from symid.notation import UNITS, get_unit_factor
 from symid.robot import Joint, LogMap, LogQuantity, Processing, Robot, compute_current_factor
 
@@ -91,7 +101,7 @@ def assign_columns(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLo
 
     Of a bag, samples that lack a joint are left out. A LogError says which columns are not recognised.
     """
-    if replace(robot.log, topic=None) != LogMap():
+    if replace(robot.log, topic=None, sample_rate=None) != LogMap():
         return apply_preset(raw, robot, findings)
     if has_default_columns(raw, REQUIRED_QUANTITIES):
         # What symid writes is in the order of the joints, whatever they are called.
@@ -301,32 +311,98 @@ def _match_layout(
 READERS: dict[str, Callable[[Path], RawLog]] = {
     ".mat": read_mat,
     ".npz": read_npz,
-    ".csv": read_csv,
-    ".txt": read_csv,
+    **dict.fromkeys((".csv", ".txt", ".tsv", ".dat", ".lvm"), read_csv),
     ".h5": read_hdf5,
     ".hdf5": read_hdf5,
     ".parquet": read_parquet,
     **dict.fromkeys(STORAGE_SUFFIXES, read_bag),
 }
 """Readers by suffix."""
+_PACKED = ".gz"
+_EXPORTS = {
+    ".bag": "convert a bag of ROS 1 by `rosbags-convert --src LOG.bag --dst FOLDER`",
+    **dict.fromkeys((".xlsx", ".xls", ".ods"), "save the sheet as .csv"),
+    ".tdms": "export it from LabVIEW or DIAdem as text, .lvm or .csv",
+    **dict.fromkeys((".mf4", ".mdf", ".dat.gz"), "export it as .csv, .mat or .parquet"),
+    ".svdx": "export it from TwinCAT Scope as .csv",
+    ".idf": "export it from ControlDesk as .csv or .mat",
+    **dict.fromkeys((".pkl", ".feather"), "write it by pandas as .csv or .parquet"),
+}
+"""What to do with files of other programs."""
 
 _ENCODERS = ("motor_position", "link_position")
 _GAPLESS = ("position", "torque", *_ENCODERS, "load", "temperature")
 
-_LARGEST = 1e100
-"""Largest value of a sensor; squares of larger ones overflow."""
+_LARGEST, _SMALLEST = 1e100, 1e-100
+"""Largest value of a sensor, squares of larger ones overflow; least of the largest, squares vanish."""
+_MISSING = 0.1
+"""Part of the samples that may lack a value: more are no gaps, but a log with a hole in a channel."""
 
 
+def prepare_columns(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, Robot]:
+    """Return the whole samples of a log, with times by its rate, and the robot with columns in its map."""
+    raw, robot = assign_columns(_add_times(raw, robot, findings), robot, findings)
+    found = [getattr(robot.log, name) for name in _GAPLESS]
+    listed = [
+        entry.columns if entry else choose_default_names(raw, name)
+        for name, entry in zip(("time", *_GAPLESS), (robot.log.time, *found), strict=True)
+    ]
+    names = [name for own in listed for name in own if name in raw.columns]
+    (clock, *_) = listed[0]
+    count = len(np.atleast_1d(raw.columns[clock])) if clock in raw.columns else 0
+    parts = {name: raw.columns[name] for name in names if len(np.atleast_1d(raw.columns[name])) == count}
+    holes = {name: np.isnan(part).reshape(count, -1).any(axis=1) for name, part in parts.items() if count}
+    lacking = np.any([*holes.values(), np.zeros(count, dtype=np.bool_)], axis=0)
+    # Values that are wrong otherwise are no gaps, nor are columns of which most is missing.
+    wrong = any(np.any(np.abs(part) > _LARGEST) for part in parts.values())
+    if not lacking.any() or wrong or np.mean(lacking) > _MISSING:
+        return raw, robot
+    where = ", ".join(f"{name!r} ({int(mask.sum())})" for name, mask in holes.items() if mask.any())
+    text = (
+        f"{int(lacking.sum())} of {count} samples lack a value, the first is sample "
+        f"{int(np.argmax(lacking))} (counted from 0): {where}; they were left out, and are gaps in time"
+    )
+    findings.remark("log.missing", text)
+    whole = {
+        name: part[~lacking] if np.ndim(part) and len(part) == count else part
+        for name, part in raw.columns.items()
+    }
+    return replace(raw, columns=whole), robot
+
+
+def _add_times(raw: RawLog, robot: Robot, findings: Findings) -> RawLog:
+    """Return the log with a column of times by the sample rate of the map, in place of its own."""
+    rate = robot.log.sample_rate
+    if rate is None or not raw.columns:
+        return raw
+    own = [name for name in raw.columns if name in (*DEFAULT_NAMES["time"], "%time", "Time", "__time")]
+    lengths = Counter(len(np.atleast_1d(part)) for part in raw.columns.values())
+    count = lengths.most_common(1)[0][0]
+    text = f"times are those of {count} samples at {rate:g} Hz, as set"
+    if own:
+        text += f"; {join_names(own)} of the log {'is' if len(own) == 1 else 'are'} not used"
+    findings.remark("log.sample-rate", text)
+    named = {f"logged_{name}" if name in own else name: part for name, part in raw.columns.items()}
+    units = {f"logged_{name}" if name in own else name: unit for name, unit in raw.units.items()}
+    times = freeze(np.arange(count) / rate)
+    return replace(raw, columns={_SAMPLE_TIMES: times, **named}, units={**units, _SAMPLE_TIMES: "s"})
+
+
+_SAMPLE_TIMES = "t"
+
+
+@np.errstate(all="ignore")
 def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLog | None = None) -> Recording:
     """Return the recording in a log, or raise a LogError with all mistakes.
 
-    `robot`: its `[log]` map says which column is what; `uneven`: whether times may be uneven, repeat or run
+    What NumPy finds odd in numbers that are none is told of the columns. `robot`: its `[log]` map says which
+    column is what; `uneven`: whether times may be uneven, repeat or run
     backwards; `raw`: the columns of the file, where they were read before.
     """
     raw = raw or read_raw(path)
     findings = Findings(file=str(path))
     findings.remarks += raw.notices
-    raw, robot = assign_columns(raw, robot, findings)
+    raw, robot = prepare_columns(raw, robot, findings)
     time, used = extract_time(raw, robot, findings)
     samples = None if time is None else len(time)
     values: dict[str, FloatArray | None] = {}
@@ -346,6 +422,12 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
                 f"{_LARGEST:g}), the first at {place} (counted from 0); cut or repair the log there"
             )
             findings.refuse("log.not-finite", text)
+    for name in _GAPLESS:
+        part = values[name]
+        sizes = np.zeros(0) if part is None else np.max(np.abs(part), axis=0, initial=0.0)
+        if (small := sizes[(sizes > 0.0) & (sizes < _SMALLEST)]).size:
+            text = f"{name}: all values of a joint are {small[0]:.3g} or less, which no sensor measures"
+            findings.refuse("log.too-small", f"{text}; state the unit or a factor in [log.{name}]")
     motor, link = (columns[name] for name in _ENCODERS)
     if values["position"] is None and bool(motor) != bool(link):
         text = (
@@ -413,10 +495,13 @@ def read_raw(path: Path) -> RawLog:
         if isinstance(error, PermissionError):
             text = "the folder may not be read (no permission)"
         raise build_file_error(path, text, "log.unreadable") from error
-    reader = read_bag if folder else READERS.get(path.suffix.lower())
-    if reader is None:
-        found = repr(path.suffix) if path.suffix else "no suffix"
+    suffix = "".join(path.suffixes[-2:] if path.suffix.lower() == _PACKED else [path.suffix])
+    reader = read_bag if folder else READERS.get(suffix.lower().removesuffix(_PACKED))
+    if reader is None or (suffix.lower().endswith(_PACKED) and reader is not read_csv):
+        found = repr(suffix) if suffix else "no suffix"
         text = f"a log must be one of {', '.join(READERS)}, or the folder of a ROS 2 bag, got {found}"
+        if remedy := _EXPORTS.get(suffix.lower()):
+            text = f"{text}; {remedy}"
         raise build_file_error(path, text, "log.unknown-suffix")
     if not exists:
         raise build_file_error(path, "there is no such file", "log.no-such-file")

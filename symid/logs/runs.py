@@ -14,6 +14,7 @@ Not supported: other columns or units for single runs; a payload of bodies on se
 """
 
 import os
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from itertools import zip_longest
@@ -32,6 +33,7 @@ from symid.logs.recording import (
     RunSettings,
     add_notice,
     cut_ends,
+    cut_recording,
     join_units,
     read_part,
     take_part,
@@ -88,28 +90,56 @@ _KEYS = ("file", "weight", "drop_first", "drop_last", "train", "payload", "offse
 def read_log_runs(path: Path, robot: robots.Robot, *, uneven: bool = False) -> tuple[Recording, ...]:
     """Return the recording of a log, or those of all runs of a `.toml`, or raise all mistakes."""
     if path.suffix.lower() != _SUFFIX:
-        return (_read_repaired(path, robot, uneven=uneven),)
+        return _read_repaired(path, robot, uneven=uneven)
     runs, warnings = _parse_runs(path, robot)
 
     def read(run: RunSettings) -> list[Recording]:
-        return [_apply_settings(_read_repaired(Path(run.file), robot, uneven=uneven), run)]
+        return [_apply_settings(part, run) for part in _read_repaired(Path(run.file), robot, uneven=uneven)]
 
     first, *others = _read_all(runs, read)
     return (replace(first, notices=(*warnings, *first.notices)), *others)
 
 
 _UNEVEN = frozenset(("log.gap", "log.jitter"))
+_AGAIN, _EPISODE = 0.1, 16
+"""Part of a recording's length from its start to which a clock that starts again goes back; its samples."""
 
 
-def _read_repaired(path: Path, robot: robots.Robot, *, uneven: bool = False) -> Recording:
-    """Return the recording in a log, as it is if `uneven`, else without its faults, and notices say so."""
+def _read_repaired(path: Path, robot: robots.Robot, *, uneven: bool = False) -> tuple[Recording, ...]:
+    """Return the recordings in a log, as they are if `uneven`, else without faults, and notices say so."""
     try:
-        recording = read_recording(path, robot, uneven=uneven)
+        parts = [read_recording(path, robot, uneven=uneven)]
     except LogError as error:
-        if not {notice.code for notice in error.notices} <= _UNEVEN:
+        codes = {notice.code for notice in error.notices}
+        if not codes <= _UNEVEN | {"log.time-order"}:
             raise
-        recording = read_recording(path, robot, uneven=True)
-    return recording if uneven else repair_recording(recording, robot.axes)
+        parts = [read_recording(path, robot, uneven=True)]
+        if "log.time-order" in codes and len(_find_episodes(parts[0].time)) == 1:
+            raise
+    ends = _find_episodes(parts[0].time)
+    if len(ends) > 1:
+        text = (
+            f"time starts again {len(ends) - 1} times, first at sample {ends[0]} (counted from 0): the file "
+            f"was read as {len(ends)} logs"
+        )
+        whole = add_notice(parts[0], "log.episodes", text)
+        cut = [cut_recording(whole, slice(start, end)) for start, end in zip((0, *ends), ends, strict=False)]
+        # What was said of the file is said once.
+        parts = [
+            replace(part, whole=None, notices=whole.notices[: 0 if k else None]) for k, part in enumerate(cut)
+        ]
+    return tuple(parts) if uneven else tuple(repair_recording(part, robot.axes) for part in parts)
+
+
+def _find_episodes(time: FloatArray) -> list[int]:
+    """Return the samples behind the end of each episode: at the next one, time (N,) is where it began."""
+    ends, start = list[int](), 0
+    for place in (np.flatnonzero(np.diff(time) < 0.0) + 1).tolist():
+        again = time[place] - time[start] <= _AGAIN * (time[place - 1] - time[start])
+        if again and min(place - start, len(time) - place) >= _EPISODE:
+            ends.append(place)
+            start = place
+    return [*ends, len(time)]
 
 
 def list_log_files(path: Path, robot: robots.Robot) -> tuple[Path, ...]:
@@ -193,9 +223,13 @@ def read_recorded_runs(sources: Sequence[str], stored: object, robot: robots.Rob
     `sources`: the files, one a run, in the order of the fit; `stored`: the entry "runs" of `describe_logs`,
     if any.
     """
+    seen = Counter[str]()
 
     def read(log: tuple[str, RunSettings | None]) -> list[Recording]:
-        recording, run = _read_repaired(Path(log[0]), robot), log[1]
+        parts, run = _read_repaired(Path(log[0]), robot), log[1]
+        # Episodes of one file stand one after the other.
+        recording = parts[seen[log[0]] % len(parts)]
+        seen[log[0]] += 1
         return [recording if run is None else _apply_settings(recording, run)]
 
     entries = [{}] * len(sources) if stored is None else write_plain(stored)
@@ -254,7 +288,7 @@ def read_one_log(log: Path | Recording, robot: robots.Robot, alone: str = "") ->
     """
     recordings = read_recordings((log,), robot)
     if len(recordings) > 1:
-        text = f"lists {len(recordings)} runs, expected one log; name one of them"
+        text = f"has {len(recordings)} runs, expected one log; give a file of one of them"
         raise UsageError(Notice(code="usage.one-log", text=text, file=str(log)))
     if alone:
         refuse_known_payloads(recordings, alone)

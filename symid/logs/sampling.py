@@ -22,7 +22,7 @@ from symid.arrays import FloatArray
 from symid.errors import LogError, Notice
 from symid.logs.columns import Findings, extract_time
 from symid.logs.files import RawLog
-from symid.logs.reader import assign_columns
+from symid.logs.reader import prepare_columns
 from symid.logs.recording import Recording, add_notice, change_channels, spread_bad
 from symid.robot import Robot
 
@@ -220,7 +220,7 @@ def resample_log(
     `plan` says how, where that was chosen from all columns.
     """
     findings = Findings(file=file)
-    raw, robot = assign_columns(raw, robot, findings)
+    raw, robot = prepare_columns(raw, robot, findings)
     time, names = extract_time(raw, robot, findings)
     if time is None or not np.all(np.isfinite(time)):
         findings.refuse("log.not-finite", "the time column has values that are not finite")

@@ -57,7 +57,7 @@ class LogMap:
     `topic` which of a bag's topics has them.
     `load` is the torque of sensors behind the gears where `torque` is that of the motors, `temperature` that
     of the joints. `reference`, `reference_velocity` are the controller's setpoints, `feedforward` the torque
-    added to its own.
+    added to its own. `sample_rate` in Hz makes the times of a log without them.
     """
 
     time: LogQuantity | None = None
@@ -75,9 +75,10 @@ class LogMap:
     transmission: tuple[tuple[float, ...], ...] | None = None
     preset: str | None = None
     topic: str | None = None
+    sample_rate: float | None = None
 
 
-_WORDS = ("transmission", "preset", "topic")
+_WORDS = ("transmission", "preset", "topic", "sample_rate")
 QUANTITIES = tuple(entry.name for entry in fields(LogMap) if entry.name not in _WORDS)
 """Fields of a LogMap that are quantities."""
 

@@ -294,6 +294,7 @@ def read_log(root: Section, joints: Joints) -> LogMap:
         transmission=_read_transmission(table, joints),
         preset=table.read_choice("preset", ("symid", "ros", "ur-rtde", "franka")),
         topic=table.read_text("topic"),
+        sample_rate=table.read_float("sample_rate", "Hz", POSITIVE),
     )
 
 
@@ -306,7 +307,7 @@ def list_processing(processing: Processing) -> dict[str, Any]:
 
 def list_log(log: LogMap) -> dict[str, Any]:
     """Return the map as a table that `read_log` reads back."""
-    words = {"preset": log.preset, "topic": log.topic}
+    words = {"preset": log.preset, "topic": log.topic, "sample_rate": log.sample_rate}
     table: dict[str, Any] = {key: entry for key, entry in words.items() if entry is not None}
     if log.transmission is not None:
         table["transmission"] = [list(row) for row in log.transmission]

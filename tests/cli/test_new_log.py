@@ -135,7 +135,7 @@ def test_units_are_given_for_each_column(folder):
         (f"{PLAIN},stamp [s]", "new.ambiguous-column", "time could be 'time' or 'stamp'"),
         (PLAIN.replace(" [deg]", ""), "new.no-unit", "for 'shoulder pos', 'elbow pos'; "),
         (PLAIN.replace("time [s]", "time"), "new.no-unit", "as in time [s], or give --units time="),
-        (PLAIN.replace("deg", "degrees"), "new.wrong-unit", "unknown unit 'degrees'"),
+        (PLAIN.replace("deg", "gradians"), "new.wrong-unit", "unknown unit 'gradians'"),
         (PLAIN.replace("deg", "N m"), "new.wrong-unit", "a unit of torque; expected one of rad"),
         (PLAIN.replace("[mm]", "[deg]"), "new.wrong-unit", "a unit of angle; expected one of m, cm"),
         (PLAIN.replace("tau0 [N m]", "tau0 [%]"), "new.wrong-unit", "one count of 'tau0'"),
@@ -308,11 +308,11 @@ def test_a_log_without_enough_rows_is_refused(folder, rows):
     assert not (folder / "arm.toml").exists()
 
 
-def test_columns_apart_by_spaces_are_refused(folder):
+def test_columns_apart_by_spaces_need_a_name_each(folder):
     (folder / "log.csv").write_text("time [s] q1 [rad]\n0 1.5 2\n1 2.5 3\n")
     code, answer = ask(*order())
-    assert (code, list_codes(answer, "errors")) == (3, ["log.separator"])
-    assert answer["errors"][0]["line"] == 1
+    assert (code, list_codes(answer, "errors")) == (3, ["log.line-length"] * 2)
+    assert "3 cells, the heading names 2 columns" in answer["errors"][0]["text"]
 
 
 def name_joints(folder, *names):

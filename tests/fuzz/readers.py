@@ -9,6 +9,7 @@ what it raises, longer than 20 s, more than 1 GB. `make test-fuzz` runs this.
 """
 
 import argparse
+import gzip
 import importlib
 import io
 import random
@@ -19,6 +20,7 @@ import subprocess
 import sys
 import tempfile
 import time
+import warnings
 import zipfile
 from collections.abc import Callable, Iterator
 from functools import cache
@@ -61,7 +63,24 @@ def write_csv(folder: Path) -> Iterator[bytes]:
     yield f"{','.join(columns)}\n{rows}\n".encode()
     yield f"t (s);q1 [deg];q2;tau1;tau2\n{rows.replace(',', ';')}\n".encode()
     yield f"{','.join(columns)}\n{rows}\n".replace("0.05", "").encode("utf-16")
+    german = rows.replace(",", ";").replace(".", ",")
+    yield f"Versuch 3\nt;q1;q2;tau1;tau2\ns;\N{DEGREE SIGN};rad;Nm;N m\n{german}\n".encode("cp1252")
+    dates = "".join(f"2024-05-01T12:00:0{k}.5+02:00 1 2 3 4\n" for k in range(9))
+    yield f"# t q1 q2 tau1 tau2\n{dates}".encode()
+    yield f"t,q1,q2,tau1,tau2\n{rows}\n{rows}\n".encode()
     del folder
+
+
+def call_packed(path: Path) -> object:
+    """Read a packed text, whose check sum is right."""
+    packed = path.with_suffix(".csv.gz")
+    packed.write_bytes(gzip.compress(path.read_bytes(), 1))
+    return call_log(packed)
+
+
+def write_packed(folder: Path) -> Iterator[bytes]:
+    """Yield packed tables."""
+    yield from (gzip.compress(content) for content in write_csv(folder))
 
 
 def write_mat(folder: Path) -> Iterator[bytes]:
@@ -100,8 +119,8 @@ def write_parquet(folder: Path) -> Iterator[bytes]:
         yield (folder / "seed.parquet").read_bytes()
 
 
-def write_bag(folder: Path, name: str) -> Iterator[bytes]:
-    """Yield a bag with joint states."""
+def write_bag(folder: Path, name: str, *, packed: bool = False) -> Iterator[bytes]:
+    """Yield a bag with joint states, its chunks packed or not."""
     from rosbags import rosbag2
     from rosbags.typesys import Stores, get_typestore
 
@@ -109,7 +128,11 @@ def write_bag(folder: Path, name: str) -> Iterator[bytes]:
     kind = store.types["sensor_msgs/msg/JointState"]
     stamp, header = store.types["builtin_interfaces/msg/Time"], store.types["std_msgs/msg/Header"]
     plugin = getattr(rosbag2.StoragePlugin, name)
-    with rosbag2.Writer(folder / f"bag_{name}", version=9, storage_plugin=plugin) as writer:
+    folder /= f"bag_{name}_{packed}"
+    writer = rosbag2.Writer(folder, version=9, storage_plugin=plugin)
+    if packed:
+        writer.set_compression(rosbag2.CompressionMode.STORAGE, rosbag2.CompressionFormat.ZSTD)
+    with writer:
         connection = writer.add_connection("/joint_states", kind.__msgtype__, typestore=store)
         for k in range(12):
             values = np.array([0.1 * k, -0.1 * k])
@@ -121,7 +144,7 @@ def write_bag(folder: Path, name: str) -> Iterator[bytes]:
                 effort=values,
             )
             writer.write(connection, k * 10**7, store.serialize_cdr(message, kind.__msgtype__))
-    (file,) = (path for path in (folder / f"bag_{name}").iterdir() if path.suffix != ".yaml")
+    (file,) = (path for path in folder.iterdir() if path.suffix != ".yaml")
     yield file.read_bytes()
 
 
@@ -228,12 +251,15 @@ def call_table(path: Path) -> object:
 
 READERS: dict[str, tuple[str, Callable[[Path], object], Callable[[Path], Iterator[bytes]]]] = {
     "csv": (".csv", call_log, write_csv),
+    "gz": (".csv.gz", call_log, write_packed),
+    "packed": (".csv", call_packed, write_csv),
     "npz": (".npz", call_log, write_npz),
     "npy": (".npy", call_member, write_member),
     "mat": (".mat", call_log, write_mat),
     "hdf5": (".h5", call_log, write_hdf5),
     "parquet": (".parquet", call_log, write_parquet),
     "mcap": (".mcap", call_log, lambda folder: write_bag(folder, "MCAP")),
+    "zstd": (".mcap", call_log, lambda folder: write_bag(folder, "MCAP", packed=True)),
     "db3": (".db3", call_log, lambda folder: write_bag(folder, "SQLITE3")),
     "toml": (".toml", call_robot, lambda _: read_project("robots/*.toml")),
     "urdf": (".urdf", call_robot, lambda _: iter((URDF,))),
@@ -254,6 +280,8 @@ def try_input(reader: str, folder: Path, content: bytes) -> None:
     path = folder / f"input{suffix}"
     path.write_bytes(content)
     start = time.monotonic()
+    # What NumPy finds odd is no concern of users.
+    warnings.simplefilter("error", RuntimeWarning)
     try:
         call(path)
     except SymidError as error:

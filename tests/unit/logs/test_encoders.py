@@ -109,7 +109,7 @@ def test_a_log_of_one_side_alone_is_refused_with_what_it_is_good_for(make, tmp_p
 def test_channels_with_numbers_that_are_none_or_without_an_encoder(make, tmp_path):
     path = tmp_path / "run.npz"
     values = np.zeros((200, 2))
-    values[7, 1] = np.nan
+    values[7, 1] = np.inf
     save(path, theta=values)
     with pytest.raises(LogError, match=r"'theta' has 1 values .* sample 7, column 1"):
         read_recording(path, make(ARM))

@@ -251,7 +251,7 @@ def test_a_log_too_short_for_its_processing(make_robot, columns, write_npz):
         ("log.csv", b"t,q1\n0,1_000\n", "log.not-a-number", "'1_000'"),
         ("log.mat", b"no matlab file at all, but long enough" * 10, "log.format", "MATLAB"),
         ("log.mat", b"", "log.format", "MATLAB"),
-        ("log.csv", b"\xff\xfe\x00\x01", "log.format", "text file"),
+        ("log.csv", b"\xff\xfe\x00\x01\x00", "log.format", "text file"),
         ("log.csv", b"", "log.format", "no line"),
         ("log.csv", b"0,1\n1,2\n", "log.no-heading", "must name"),
         ("log.csv", b"t,q,q\n1,2,3\n", "log.duplicate-column", "named 'q'"),
