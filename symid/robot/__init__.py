@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         SymbolicInertia as SymbolicInertia,
     )
     from symid.robot.geometry import (
+        IDENTITY as IDENTITY,
         ONE as ONE,
         ZERO as ZERO,
         Exact as Exact,
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from symid.robot.inertia import (
         build_pseudo_inertias as build_pseudo_inertias,
         explain_impossible_inertia as explain_impossible_inertia,
+        move_by_placement as move_by_placement,
         move_parameters as move_parameters,
     )
     from symid.robot.loading import (
