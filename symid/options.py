@@ -375,8 +375,8 @@ class GenerateOptions(Options):
     )
     parameters: Literal["base", "standard", "internal"] = _model(
         "base",
-        "Arguments of the functions: base parameters beta, all standard parameters pi about the frames of the "
-        "robot file, or pi_internal about symid's own frames.",
+        "Arguments of the functions: base parameters beta, all standard parameters pi about the frames of "
+        "the robot file, or pi_internal about symid's own frames.",
         words("base", "standard", "internal"),
         code="usage.parameters",
     )

@@ -163,8 +163,8 @@ _PARAMETERS = {
     "beta": ("Base parameters beta", ""),
     "pi": (
         "Standard parameters pi",
-        "of each link about its frame of the robot file (standard Denavit-Hartenberg rows: the frame at the "
-        "end of the row; URDF: the link's; MJCF: the body's)",
+        "of each link about its frame of the robot file (standard rows: at their end; URDF: the link's; MJCF: "
+        + "the body's)",
     ),
     "pi_internal": (
         "Standard parameters pi_internal",

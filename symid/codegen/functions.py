@@ -469,8 +469,8 @@ def list_specs(
     """Return the catalogue for `sizes` by the letters of shapes, zero where there is none.
 
     Functions and vectors that would be empty (no friction, no stops), and those called `without`, are left
-    out. `vector` is the name of the inertial parameters, beta, pi or pi_internal; `inputs` what friction depends on
-    besides the velocity: "q", "load", "temperature".
+    out. `vector` is the name of the inertial parameters, beta, pi or pi_internal; `inputs` what friction
+    depends on besides the velocity: "q", "load", "temperature".
     """
     sizes = {**dict.fromkeys("nlbpshz", 0), **sizes}
     # What functions need to be there.

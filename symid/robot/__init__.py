@@ -98,6 +98,7 @@ if TYPE_CHECKING:
         place_elasticity as place_elasticity,
         write_robot as write_robot,
     )
+    from symid.robot.urdf_reader import DEFAULT_SNAP as DEFAULT_SNAP
     from symid.robot.urdf_xml import read_urdf_text as read_urdf_text
     from symid.robot.xml_rewriters import rewrite_mjcf as rewrite_mjcf, rewrite_urdf as rewrite_urdf
 else:

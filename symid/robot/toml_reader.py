@@ -47,7 +47,7 @@ from symid.robot.exact_values import (
     read_position,
     read_vector,
 )
-from symid.robot.geometry import IDENTITY, ZERO, Placement, compose_placements, place_joint
+from symid.robot.geometry import IDENTITY, ROUNDED, ZERO, Placement, compose_placements, place_joint
 from symid.robot.inertia import (
     TENSOR,
     compute_standard_parameters,
@@ -288,7 +288,7 @@ def _read_mimics(
         else:
             section, frame = sections[index], offsets[name]
             if len(path) > 2:
-                frame = place_joint(end.offset, section.symbols, prismatic=section.prismatic, snap=0.0)
+                frame = place_joint(end.offset, section.symbols, prismatic=section.prismatic, snap=ROUNDED)
             followers[index] = Mimic(master=names.index(path[-1]), multiplier=end.multiplier), frame
     return followers
 

@@ -538,6 +538,10 @@ def _read_joint(name: str, part: XmlPart) -> TreeJoint | None:
         if moved := max(abs(angle.snapped_by) for angle in (roll, pitch, yaw)):
             text = "origin rpy was moved to the nearest multiple of pi/2, of joints (by rad) {}"
             place.group("robot.angle-snapped", text, f"{moved:.1e}", "rpy")
+        exact = zip(rpy, (roll, pitch, yaw), strict=True)
+        if any(geometry.is_rounded_turn(value) and not angle.snapped_by for value, angle in exact):
+            text = "origin rpy holds rounded multiples of pi/2 that are taken as written, of joints {}"
+            place.group("robot.angle-rounded", text, attribute="rpy")
         text = "lengths below 1e-9 m in origin xyz were taken as zero, of joints {}"
         lengths = build_lengths(place, xyz, "xyz", text)
         origin = replace(geometry.rotate_rpy(roll, pitch, yaw), translation=lengths)
