@@ -163,8 +163,7 @@ _PARAMETERS = {
     "beta": ("Base parameters beta", ""),
     "pi": (
         "Standard parameters pi",
-        "of each link about its frame of the robot file (standard rows: at their end; URDF: the link's; MJCF: "
-        + "the body's)",
+        "of each link about its frame of the robot file (standard rows: at the end; URDF, MJCF: the link's)",
     ),
     "pi_internal": (
         "Standard parameters pi_internal",

@@ -36,6 +36,8 @@ Outputs = tuple[Elements, ...]
 RouteBuilder = Callable[["RouteWorkspace"], Outputs]
 """A route: what it makes of a workspace are the elements of all output ports."""
 Matrix = Sequence[Sequence[int]]
+_LONGEST = 1e7
+"""In m: of inertias of 1 kg m^2 beside its square, doubles keep two digits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -127,8 +129,17 @@ class RouteWorkspace:
 
 
 def check_symbols(robot: Robot) -> None:
-    """Raise RobotError where a symbolic length has no value."""
-    missing = ", ".join(name for name in dynamics.list_symbols(robot) if name not in dict(robot.symbols))
+    """Raise RobotError where a symbolic length has no value, or a length is beyond what doubles resolve."""
+    values = dict(robot.symbols)
+    missing = ", ".join(name for name in dynamics.list_symbols(robot) if name not in values)
+    for joint in () if missing else robot.joints:
+        longest = max(abs(length.to_float(values)) for length in joint.placement.translation)
+        if longest > _LONGEST:
+            text = (
+                f"joint {joint.name!r}: a length of {longest:.3g} m; torques over more than {_LONGEST:g} m "
+            )
+            text += "cannot be computed in doubles. Lengths are in m: correct the file"
+            raise RobotError(Notice(code="robot.beyond-doubles", text=text, file=robot.path))
     if missing:
         text = f"code needs a value for the symbolic length {missing}: add it under [symbols], in m"
         raise RobotError(Notice(code="robot.symbol-without-value", text=text, file=robot.path))

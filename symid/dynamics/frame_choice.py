@@ -144,8 +144,8 @@ def choose_reading(read: Callable[..., Robot]) -> Robot:
 
     `read` takes the largest angle (rad) that is rounded as `snap`, or nothing for the usual one. Angles that
     are further off, but are written with so few digits that they may be rounded, become multiples of pi/2
-    only where the base set hangs on these digits: where a coefficient of a group changes by more than 1 %. A note
-    says what was assumed, and what it changes.
+    only where the base set hangs on these digits: where a coefficient of a group changes by more than 1 %. A
+    note says what was assumed, and what it changes.
     """
     usual = read()
     codes = {notice.code for notice in usual.notices}

@@ -19,7 +19,7 @@ with mechanics, flags that switch forces off.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
@@ -380,7 +380,12 @@ def _compute_geom(own: urdf_parts.XmlPart, frame: geometry.Placement) -> _Body:
 
 
 def read_xml_robot(
-    path: Path, *, base: str | None = None, tip: str | None = None, snap: float = DEFAULT_SNAP
+    path: Path,
+    *,
+    base: str | None = None,
+    tip: str | None = None,
+    snap: float = DEFAULT_SNAP,
+    xacro: Mapping[str, str] | None = None,
 ) -> Robot:
     """Return the robot that the URDF or MJCF model at `path` describes; its outermost element says which.
 
@@ -390,11 +395,12 @@ def read_xml_robot(
         tip: the link or body to end at; all branches belong to the robot if None. Where it is fixed to the
             last moving link, its frame becomes that link's `Joint.frame`.
         snap: angle in rad within which rotations are moved to multiples of pi/2; zero turns that off.
+        xacro: arguments of a xacro file, by name; others have their defaults.
 
     Raises:
         RobotError: with a notice for each mistake in the file, in the order of their places.
     """
-    source = read_urdf_text(path)
+    source = read_urdf_text(path, arguments=xacro)
     robot = parse_xml_robot(source.text, source.file, base=base, tip=tip, snap=snap)
     made = robot.made_from and replace(robot.made_from, file=str(path))
     return replace(robot, path=str(path), notices=(*source.notices, *robot.notices), made_from=made)
