@@ -35,6 +35,7 @@ NOTES = frozenset(
         *("robot.assumed-gravity", "robot.cut-off", "robot.default-axis", "robot.elastic-joint"),
         *("robot.endless-limits", "robot.fixed-to-base", "robot.follower-still", "robot.lumped"),
         *(
+            "robot.mjcf-controller",
             "robot.mjcf-unused",
             "robot.angle-rounded",
             "robot.renamed",

@@ -44,6 +44,7 @@ ACTUATORS = (
 )
 """The kinds of actuators; they share their defaults."""
 
+_FEEDBACK = ("position", "velocity", "intvelocity", "pid", "damper")
 _TORQUE = "actuatorfrcrange"
 _UPRIGHT = (Decimal(0), Decimal(0), Decimal(1))
 _Body = tuple[float, ...] | None
@@ -681,6 +682,13 @@ def _read_actuators(reading: urdf_parts.TreeReading) -> None:
             own.refuse("robot.out-of-range", "gear: must not be 0", "gear")
             continue
         found.setdefault(joint, []).append((own, gear))
+        curved = own.read_word("biastype", "none") == "affine" and any(own.read_numbers("biasprm", 1, 10)[1:])
+        if own.element.tag in _FEEDBACK or curved:
+            gains = [f"{key}={own.read_word(key)}" for key in ("kp", "kv", "biasprm") if own.has(key)]
+            text = "actuators that brake or hold joints by feedback, which is no part of the model: their "
+            text += "forces are torques of the drives, as in a log, not friction; of joints {}"
+            kind = " ".join((f"'{joint}': <{own.element.tag}>", *gains))
+            reading.group("robot.mjcf-controller", text, kind, element)
     for joint, entries in found.items():
         own, gear = entries[0]
         for other, second in entries[1:]:

@@ -29,6 +29,7 @@ TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 
 _ATTRIBUTE = re.compile(rb"([^\s=/>\"']+)\s*=\s*(\"[^\"]*\"|'[^']*')")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+_XACRO_ARGUMENT = re.compile(r"<xacro:arg\s[^>]*?\bname\s*=\s*[\"']([^\"']+)")
 _QUOTED = re.compile(rb"[^>\"']|\"[^\"]*\"|'[^']*'")
 _DEEPEST, _DEEPEST_BODIES = 100, 1000
 _TOO_DEEP = "elements are nested more than {} deep; a URDF needs five levels, an MJCF model one a body"
@@ -253,13 +254,8 @@ def read_urdf_text(
         raise RobotError(_explain_failure(xacro, error, path, lost)) from error
     finally:
         _use_finder(substitution_args, before)
-    files = [path, *map(Path, xacro.all_includes)]
-    whole = "".join(file.read_text(encoding="utf-8", errors="replace") for file in dict.fromkeys(files))
-    known = dict.fromkeys(re.findall(r"<xacro:arg\s[^>]*?\bname\s*=\s*[\"']([^\"']+)", whole))
-    if unknown := [name for name in given if name not in known]:
-        hint = suggest_names(unknown[0], known, otherwise="it has" if known else "")
-        words = f"--xacro {unknown[0]}: the file has no such argument; {hint or 'it has none'}"
-        raise UsageError(Notice(code="usage.xacro", text=words, file=str(path)))
+    if unknown := _list_unknown(given, path, map(Path, xacro.all_includes)):
+        raise UsageError(*(Notice(code="usage.xacro", text=text, file=str(path)) for text in unknown))
     open_ones = [f"{name}:={value}" for name, value in used.items() if name not in given]
     words = f"expanded by xacro{', with ' if given else ''}"
     words += ", ".join(f"{name}:={value}" for name, value in given.items())
@@ -270,6 +266,21 @@ def read_urdf_text(
     said += [f"{_explain_package(name)}; paths that begin with it are left as they are" for name in lost[:1]]
     notices += [Notice(code="robot.xacro-warning", text=entry, file=str(path)) for entry in said]
     return UrdfText(text=text, file=f"{path} (expanded)", notices=tuple(notices))
+
+
+def _list_unknown(given: Mapping[str, str], path: Path, included: Iterable[Path]) -> list[str]:
+    """Return a sentence for each argument that neither the xacro file nor those that it includes declare."""
+    if not given:
+        return []
+    files = filter(Path.is_file, (path, *included))
+    texts = (file.read_text(encoding="utf-8", errors="replace") for file in files)
+    known = dict.fromkeys(_XACRO_ARGUMENT.findall("".join(texts)))
+    return [
+        f"--xacro {name}: the file has no such argument; "
+        + (suggest_names(name, known, otherwise="it has") if known else "it has none")
+        for name in given
+        if name not in known
+    ]
 
 
 def _use_finder(module: Any, find: Any) -> None:  # noqa: ANN401  xacro has no types

@@ -9,9 +9,9 @@ from symid.robot.mjcf_reader import parse_xml_robot
 LIMIT = '<limit lower="-1" upper="1" effort="10" velocity="10"/>'
 ARM = (
     '<robot name="arm"><link name="base"/><link name="upper"/><link name="hand"/><link name="wheel"/>'
-    '{links}<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/><axis xyz="0 0 1"/>'
-    f'{{own}}{LIMIT}</joint><joint name="elbow" type="revolute"><parent link="upper"/><child link="hand"/>'
-    f'<axis xyz="0 1 0"/>{LIMIT}</joint>{{others}}</robot>'
+    '{links}<joint name="shoulder" type="revolute"><parent link="base"/><child link="upper"/>'
+    f'<axis xyz="0 0 1"/>{{own}}{LIMIT}</joint><joint name="elbow" type="revolute">'
+    f'<parent link="upper"/><child link="hand"/><axis xyz="0 1 0"/>{LIMIT}</joint>{{others}}</robot>'
 )
 
 
@@ -169,3 +169,32 @@ def test_lengths_beyond_doubles_are_named(tmp_path, length):
     with pytest.raises(RobotError, match="cannot be computed in doubles") as caught:
         symid.load(path, tip="hand").casadi("gravity")
     assert caught.value.notices[0].code == "robot.beyond-doubles"
+
+
+MODEL = (
+    '<mujoco model="m"><compiler angle="radian"/><default><default class="servo"><position kp="30" kv="3"/>'
+    '</default></default><worldbody><body name="a"><joint name="j" type="hinge" axis="0 1 0" damping="0.3"/>'
+    '<inertial pos="0.2 0 0" mass="1" diaginertia="0.01 0.01 0.01"/></body></worldbody>'
+    "<actuator>{}</actuator></mujoco>"
+)
+
+
+@pytest.mark.parametrize(
+    ("actuator", "said"),
+    [
+        ('<damper name="d" joint="j" kv="4" ctrlrange="0 1"/>', "<damper> kv=4"),
+        ('<position joint="j" kp="50" kv="2"/>', "<position> kp=50 kv=2"),
+        ('<position joint="j" class="servo"/>', "<position> kp=30 kv=3"),
+        ('<velocity joint="j" kv="1"/>', "<velocity> kv=1"),
+        ('<general joint="j" biastype="affine" biasprm="0 -20 -2"/>', "<general> biasprm=0 -20 -2"),
+        ('<motor joint="j"/>', ""),
+        ('<general joint="j"/>', ""),
+    ],
+)
+def test_feedback_of_actuators_is_named(actuator, said):
+    robot = parse_xml_robot(MODEL.format(actuator), "m.xml")
+    found = [entry for entry in robot.notices if entry.code == "robot.mjcf-controller"]
+    assert len(found) == bool(said)
+    assert all(said in entry.text and "'j'" in entry.text and entry.is_note for entry in found)
+    # Damping of the joint itself is read.
+    assert robot.joints[0].friction.values == (0.3, 0.0)
