@@ -98,8 +98,9 @@ def test_xacro_arguments(tmp_path):
         (["length"], "expected NAME:=VALUE"),
         ([":=1"], "expected NAME:=VALUE"),
     ):
-        with pytest.raises(UsageError, match=words):
+        with pytest.raises(UsageError, match=words) as caught:
             symid.load(path, xacro=wrong)
+        assert {entry.code for entry in caught.value.notices} == {"usage.xacro"}
     with pytest.raises(UsageError, match="only a xacro file"):
         symid.load("two_link", xacro={"a": "b"})
     plain = tmp_path / "arm.urdf"
