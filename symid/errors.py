@@ -41,7 +41,8 @@ NOTES = frozenset(
         *("new.friction-kept", "new.preset", "new.unused-columns", "payload.controller-scope"),
         *("robot.assumed-gravity", "robot.cut-off", "robot.default-axis", "robot.elastic-joint"),
         *("robot.endless-limits", "robot.fixed-to-base", "robot.follower-still", "robot.lumped"),
-        *("robot.mjcf-unused", "robot.not-rounded", "robot.renamed", "robot.rounding-price"),
+        *("robot.mjcf-controller", "robot.mjcf-unused", "robot.angle-rounded", "robot.renamed"),
+        *("robot.rounding-assumed", "robot.rounding-price"),
         *("robot.urdf-unused", "robot.xacro-arguments"),
     )
 )

@@ -373,10 +373,11 @@ class GenerateOptions(Options):
     precision: Precision = _output(
         "double", "Type of all numbers in C.", words("double", "float"), code="usage.precision"
     )
-    parameters: Literal["base", "standard"] = _model(
+    parameters: Literal["base", "standard", "internal"] = _model(
         "base",
-        "Arguments of the functions: base parameters beta, or all standard parameters pi.",
-        words("base", "standard"),
+        "Arguments of the functions: base parameters beta, all standard parameters pi about the frames of "
+        "the robot file, or pi_internal about symid's own frames.",
+        words("base", "standard", "internal"),
         code="usage.parameters",
     )
     constant: bool = _model(False, "Use the robot file's values as constants in the functions.", FLAG)

@@ -577,12 +577,15 @@ class RobotDynamics:
         answers = lessons.mark_sheet(self.description, _read_sheet(file), str(file))
         return MarkedSheet(robot=self.description, path=file, answers=answers)
 
-    def sympy(self, name: str, *, standard: bool = False) -> "codegen.SymbolicFunction":
+    def sympy(self, name: str, *, standard: bool | Literal["internal"] = False) -> "codegen.SymbolicFunction":
         """Return a function of the catalogue as exact SymPy expressions.
 
         Args:
             name: of the function, such as "mass_matrix".
-            standard: whether it takes the standard parameters pi in place of beta.
+            standard: whether it takes the standard parameters pi in place of beta: of each link the ten
+                numbers about its frame of the robot file (standard rows: the frame at the row's end; URDF:
+                the link's; MJCF: the body's). "internal": pi_internal, about symid's own frames, modified
+                Denavit-Hartenberg ones with z along the joint's axis.
 
         Raises:
             UsageError: the robot has no such function; the message has the nearest names.
@@ -595,11 +598,16 @@ class RobotDynamics:
             >>> gravity["g"].shape
             (2, 1)
         """
-        self._check_function(name)
+        self._check_function(name, standard)
         return codegen.derive_symbolic(self.description, name, standard=standard, base=self.base.product)
 
     def casadi(
-        self, name: str, *, standard: bool = False, constant: bool = False, compiled: bool = False
+        self,
+        name: str,
+        *,
+        standard: bool | Literal["internal"] = False,
+        constant: bool = False,
+        compiled: bool = False,
     ) -> "ca.Function":
         """Return a function of the catalogue as a CasADi function, with derivatives of any order.
 
@@ -607,7 +615,10 @@ class RobotDynamics:
 
         Args:
             name: of the function, such as "forward_dynamics".
-            standard: whether it takes the standard parameters pi in place of beta.
+            standard: whether it takes the standard parameters pi in place of beta: of each link the ten
+                numbers about its frame of the robot file (standard rows: the frame at the row's end; URDF:
+                the link's; MJCF: the body's). "internal": pi_internal, about symid's own frames, modified
+                Denavit-Hartenberg ones with z along the joint's axis.
             constant: use the robot file's values of beta, rotors and friction as constants; the parameters h
                 of springs stay arguments.
             compiled: of inverse and forward dynamics, call the generated C, for the values and for first
@@ -625,12 +636,15 @@ class RobotDynamics:
             >>> gravity.size1_in("q")
             2
         """
-        self._check_function(name)
+        self._check_function(name, standard)
         build = codegen.build_compiled_function if compiled else codegen.build_casadi_function
         return build(self.description, name, standard=standard, constant=constant)
 
-    def _check_function(self, name: str) -> None:
+    def _check_function(self, name: str, standard: object) -> None:
         """Refuse a function that the catalogue does not have for this robot, with the nearest names."""
+        if standard not in (False, True, "internal"):
+            text = f"standard: expected True, False or 'internal', got {standard!r}"
+            raise UsageError(Notice(code="usage.parameters", text=text))
         if name in codegen.LIMITED:
             # Written on request, or for few coordinates: the error says so.
             codegen.list_robot_specs(self.description, self.base.product, (name,))
@@ -662,7 +676,7 @@ class RobotDynamics:
         *,
         functions: Sequence[str] | None = None,
         precision: Precision = "double",
-        parameters: Literal["base", "standard"] = "base",
+        parameters: Literal["base", "standard", "internal"] = "base",
         constant: bool = False,
         trigonometry: Literal["own", "library"] = "own",
         friction_laws: bool = False,
@@ -679,7 +693,8 @@ class RobotDynamics:
             folder: new, or written by symid earlier; other files in it are not changed.
             functions: the names of those wanted; all by default.
             precision: type of all numbers in C.
-            parameters: the functions' arguments: "base" for beta, "standard" for all standard parameters pi.
+            parameters: the functions' arguments: "base" for beta, "standard" for all standard parameters pi
+                about the frames of the robot file, "internal" for pi_internal about symid's own frames.
             constant: use the robot file's values as constants.
             trigonometry: sines in C by "own" code for all angles at once, or of the C "library".
             friction_laws: add all static friction laws to the C library.

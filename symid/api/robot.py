@@ -536,7 +536,7 @@ class RobotModel(RobotDynamics):
         )
 
 
-_ROUNDED = ("robot.angle-snapped", "robot.axis-snapped")
+_ROUNDED = ("robot.angle-rounded", "robot.angle-snapped", "robot.axis-snapped")
 
 
 def load(
@@ -547,6 +547,7 @@ def load(
     base: str | None = None,
     tip: str | None = None,
     snap: float | None = None,
+    xacro: Mapping[str, str] | Sequence[str] = (),
     convention: str | None = None,
     gravity: Sequence[float] | None = None,
     backend: str = "auto",
@@ -563,7 +564,9 @@ def load(
         base: for a URDF or MJCF: first link of the robot; its root by default.
         tip: for a URDF or MJCF: last link of the robot; other branches are removed.
         snap: for a URDF or MJCF: angles within this distance (rad) of a quarter turn are rounded to it; by
-            default 1e-5 where that changes no number of base parameters, else 0; a note says what it changes.
+            default 1e-5, and more for angles of few digits (1.57) where base parameters would hang on these;
+            a note says what it changes. 0 moves nothing.
+        xacro: arguments of a xacro file: their values by name, or texts such as "prefix:=left_".
         convention: for a table of rows: "modified" or "standard" Denavit-Hartenberg; it is never guessed.
         gravity: for a table of rows: in the base frame, m/s^2; 0, 0, -9.81 by default.
         backend: what computes the functions: "auto", "c", "python" or "casadi".
@@ -588,6 +591,7 @@ def load(
         written = (x, y, z)
     replaced = api_logs.list_pairs(settings), friction
     given: dict[str, Any] = {"base": base, "tip": tip, "convention": convention, "gravity": written}
+    given["xacro"] = xacro
     read = partial(robots.load_robot, fspath(robot), *replaced, **given)
     described = read(snap=snap)
     if snap is None and any(notice.code in _ROUNDED for notice in described.notices):

@@ -231,11 +231,18 @@ class NamedRobot(Options):
     )
     snap: float | None = option(
         None,
-        "URDF, MJCF: round angles within this distance of a quarter turn; 0 for none.  [default: 1e-5 where "
-        "that changes no number of base parameters, else 0]",
+        "URDF, MJCF: round angles within this distance of a quarter turn; 0 for none.  [default: 1e-5, more "
+        "where base parameters would hang on the last digits of the file]",
         "Input",
         number(0.0, 0.01),
         "RAD",
+    )
+    xacro: tuple[str, ...] = option(
+        (),
+        "xacro: value of an argument of the file; may be repeated.",
+        "Input",
+        Kind(name="text", many=True),
+        "NAME:=VALUE",
     )
     backend: str = option(
         BACKENDS[0],
@@ -334,7 +341,7 @@ def add_page(answer: Answer, result: Given, page: Path | None, **options: object
     return replace(answer, text=text, result={**answer.result, "page": page})
 
 
-_CUTS = ("base", "tip", "snap")
+_CUTS = ("base", "tip", "snap", "xacro")
 backend_option = record_options(NamedRobot, "backend")
 
 

@@ -23,6 +23,7 @@ from symid.codegen.functions import (
     ModelCard,
     ParameterCard,
     Port,
+    Standard,
     build_model_card,
     compute_build_digest,
     get_constants,
@@ -115,12 +116,13 @@ def build_functions(
     *,
     names: tuple[str, ...] | None = None,
     without: Collection[str] = (),
-    standard: bool = False,
+    standard: Standard = False,
     constant: bool = False,
 ) -> Functions:
     """Return the functions of the catalogue, or those called `names`, in the catalogue's order.
 
-    `without` names those to leave out. `standard`: they take the standard parameters pi in place of beta.
+    `without` names those to leave out. `standard`: they take the standard parameters in place of beta, pi
+    about the frames of the robot file, with "internal" pi_internal about the frames used here.
     `constant`: the parameter values of the robot file are constants of the functions.
 
     Raises:
@@ -128,7 +130,11 @@ def build_functions(
         UsageError: a name is not in the catalogue, or the robot file lacks a value that shall be constant.
     """
     check_symbols(robot)
-    base = build_standard_parameters(robot) if standard else derive_base_parameters(robot)
+    base = (
+        build_standard_parameters(robot, internal=standard == "internal")
+        if standard
+        else derive_base_parameters(robot)
+    )
     specs = tuple(spec for spec in list_robot_specs(robot, base, names) if spec.name not in without)
     card = build_model_card(robot, base, specs)
     constants = get_constants(card) if constant else {}
@@ -141,7 +147,7 @@ def build_functions(
 
 
 def build_casadi_function(
-    robot: Robot, name: str, *, standard: bool = False, constant: bool = False
+    robot: Robot, name: str, *, standard: Standard = False, constant: bool = False
 ) -> ca.Function:
     """Return one function of the catalogue over SX, with derivatives of any order.
 
@@ -151,6 +157,20 @@ def build_casadi_function(
     a power below one has none at rest. Arguments and errors are those of `build_functions`.
     """
     return build_functions(robot, names=(name,), standard=standard, constant=constant).functions[0]
+
+
+_PARAMETERS = {
+    "beta": ("Base parameters beta", ""),
+    "pi": (
+        "Standard parameters pi",
+        "of each link about its frame of the robot file (standard rows: at the end; URDF, MJCF: the link's)",
+    ),
+    "pi_internal": (
+        "Standard parameters pi_internal",
+        "of each link about symid's internal frame (modified Denavit-Hartenberg: z along the joint's axis)",
+    ),
+}
+"""What a vector of inertial parameters is called, and the frames that it is about."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -242,7 +262,7 @@ def prepare_material(functions: Functions, options: GenerateOptions) -> Material
         *(f"  {line}" for line in _describe_parameters("h", card.springs)),
     )
     moving_alone = f", {card.size} of them with a coordinate" if card.followers else ""
-    title = {"beta": "Base parameters beta", "pi": "Standard parameters pi"}[card.vector]
+    title, frames = _PARAMETERS[card.vector]
     note = " (constants of the functions, as those of friction and rotors; no arguments)"
     facts = {
         "banner": BANNER,
@@ -259,7 +279,8 @@ def prepare_material(functions: Functions, options: GenerateOptions) -> Material
         "bristle_count": bristles,
         "extent": f"{card.links} joints{moving_alone}",
         "joint_lines": tuple(lines),
-        "beta_title": f"{title}{note if constant else ''}",
+        "beta_title": f"{title}{frames and ', '}{frames}{note if constant else ''}",
+        "frame_lines": (f"\n{title} are those {frames}.",) if frames else (),
         "beta_lines": _describe_parameters(card.vector, card.beta, constant=constant),
         "friction_lines": _describe_parameters("f", card.friction, constant=constant),
         "state_count": options.states,

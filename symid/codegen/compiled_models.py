@@ -30,6 +30,7 @@ from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen.cache import CacheEntry, compute_library_key, obtain_entry
 from symid.codegen.compiler import Compiler, compile_sources, locate_compiler
 from symid.codegen.element_code import build_step
+from symid.codegen.functions import Standard
 from symid.codegen.library import Library, open_shared
 from symid.codegen.printing import print_c
 from symid.codegen.source_folder import write_sources
@@ -515,7 +516,7 @@ def write_external(functions: "Functions", name: str) -> str:
 
 
 def build_compiled_function(
-    robot: Robot, name: str, *, standard: bool = False, constant: bool = False, cache: Path | None = None
+    robot: Robot, name: str, *, standard: Standard = False, constant: bool = False, cache: Path | None = None
 ) -> "ca.Function":
     """Return a function of `COMPILED` as an external one of CasADi that calls the generated C.
 

@@ -21,8 +21,10 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain, product
 
+import numpy as np
+
 from symid import dynamics
-from symid.codegen.functions import Constants, FunctionSpec
+from symid.codegen.functions import Constants, FunctionSpec, find_parameter_axis
 from symid.codegen.programs import ExpressionTable, differentiate_along
 from symid.dynamics import frame_choice, newton_euler, torque_derivatives
 from symid.errors import Notice, RobotError
@@ -34,6 +36,8 @@ Outputs = tuple[Elements, ...]
 RouteBuilder = Callable[["RouteWorkspace"], Outputs]
 """A route: what it makes of a workspace are the elements of all output ports."""
 Matrix = Sequence[Sequence[int]]
+_LONGEST = 1e7
+"""In m: of inertias of 1 kg m^2 beside its square, doubles keep two digits."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,6 +56,31 @@ class RouteWorkspace:
         if build not in self.built:
             self.built[build] = build(self)
         return self.built[build]
+
+    def build_outputs(self, spec: FunctionSpec, build: RouteBuilder) -> Outputs:
+        """Return what `build` makes, its columns a parameter of the file's frames where pi has them."""
+        outputs, algebra, keys = self.recall(build), self.algebra, self.base.keys
+        axes = [find_parameter_axis(port.name) for port in spec.outputs]
+        if self.base.vector != "pi" or axes == [None] * len(axes):
+            return outputs
+        units = [dynamics.move_from_stated_frames(self.robot, algebra, {key: algebra.one}) for key in keys]
+        found = []
+        for port, axis, refs in zip(spec.outputs, axes, outputs, strict=True):
+            if axis is None:
+                found.append(refs)
+                continue
+            slices = np.moveaxis(np.array(refs, dtype=object).reshape(port.shape), axis, 0)
+            columns = dict(zip(keys, slices.reshape(len(keys), -1).tolist(), strict=True))
+            rows = [
+                [
+                    algebra.sum_values(algebra.mul(unit[key], columns[key][k]) for key in unit)
+                    for k in range(len(columns[keys[0]]))
+                ]
+                for unit in units
+            ]
+            whole = np.moveaxis(np.array(rows, dtype=object).reshape(slices.shape), 0, axis)
+            found.append(tuple(whole.ravel().tolist()))
+        return tuple(found)
 
     @property
     def robot(self) -> Robot:
@@ -100,8 +129,17 @@ class RouteWorkspace:
 
 
 def check_symbols(robot: Robot) -> None:
-    """Raise RobotError where a symbolic length has no value."""
-    missing = ", ".join(name for name in dynamics.list_symbols(robot) if name not in dict(robot.symbols))
+    """Raise RobotError where a symbolic length has no value, or a length is beyond what doubles resolve."""
+    values = dict(robot.symbols)
+    missing = ", ".join(name for name in dynamics.list_symbols(robot) if name not in values)
+    for joint in () if missing else robot.joints:
+        longest = max(abs(length.to_float(values)) for length in joint.placement.translation)
+        if longest > _LONGEST:
+            text = (
+                f"joint {joint.name!r}: a length of {longest:.3g} m; torques over more than {_LONGEST:g} m "
+            )
+            text += "cannot be computed in doubles. Lengths are in m: correct the file"
+            raise RobotError(Notice(code="robot.beyond-doubles", text=text, file=robot.path))
     if missing:
         text = f"code needs a value for the symbolic length {missing}: add it under [symbols], in m"
         raise RobotError(Notice(code="robot.symbol-without-value", text=text, file=robot.path))
@@ -137,12 +175,15 @@ def build_workspace(
     sine, cosine = (tuple(map(wave, angles)) for wave in (table.sin, table.cos))
     state = dynamics.RobotState(sine, cosine, *motion)
     turned = frame_choice.remove_constant_rotations(robot, turns)
+    parameters: Mapping[dynamics.Label, int] = dict(zip(base.keys, inputs[base.vector], strict=True))
+    if base.vector == "pi":
+        parameters = dynamics.move_from_stated_frames(robot, table, parameters)
     return RouteWorkspace(
         base=base,
         algebra=table,
         inputs=inputs,
         recursion=dynamics.build_recursion(turned, table, state),
-        parameters=dict(zip(base.keys, inputs[base.vector], strict=True)),
+        parameters=parameters,
     )
 
 

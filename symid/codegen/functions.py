@@ -19,7 +19,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import Enum
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -143,7 +143,7 @@ class ModelCard:
         signature: see `compute_model_signature`.
         joints: those with a coordinate, in the order of the coordinates; `followers` are the others.
         beta: the base inertial parameters, drives included, in the order of the vector, with the values of
-            the robot file where it states all of them; the standard parameters where `vector` is "pi".
+            the robot file where it states all of them; the standard parameters where `vector` is another.
         friction: the friction parameters in the order of the vector f. springs: the same of the vector h.
         elasticity: the spring of every coordinate in the robot file, empty where no joint is elastic.
         rotors: rotor inertias of elastic joints, which move with the motors and so are not in `beta`.
@@ -327,6 +327,7 @@ _INPUTS = {
     "tau": ("n", "N m", "joint torques without friction"),
     "beta": ("b", "mixed", "base inertial parameters"),
     "pi": ("b", "mixed", "standard parameters of links, drives and springs"),
+    "pi_internal": ("b", "mixed", "standard parameters of links in internal frames, of drives and springs"),
     "f": ("p", "mixed", "friction parameters"),
     "load": ("n", "N m", "torques that the gears carry: those of links and rotors, without friction"),
     "temperature": ("n", "degC", "temperatures of the joints"),
@@ -341,7 +342,7 @@ _INPUTS = {
     "IA": ("n", "kg m^2", "rotor inertias on the joint side"),
     "h": ("h", "mixed", "parameters of the springs"),
 }
-_SHARED = ("beta", "pi", "f", "IA", "h")
+_SHARED = ("beta", "pi", "pi_internal", "f", "IA", "h")
 _OUTPUTS = {
     **_INPUTS,
     "R": ("l33", "1", "rotation matrices, one a link"),
@@ -444,6 +445,16 @@ _FULL = {
     "mass_matrix_derivatives": "the Coriolis matrix at unit velocities has the same symbols",
 }
 
+
+def find_parameter_axis(output: str) -> int | None:
+    """Return which axis of an output counts inertial parameters, None without one."""
+    letters = _OUTPUTS[output][0]
+    return letters.index("b") if "b" in letters else None
+
+
+Standard = bool | Literal["internal"]
+"""Whether functions take standard parameters, and of links in internal frames in place of the file's."""
+
 LIMITED = frozenset(_FULL)
 """Functions that are not written for every robot, or only where they are named."""
 
@@ -458,8 +469,8 @@ def list_specs(
     """Return the catalogue for `sizes` by the letters of shapes, zero where there is none.
 
     Functions and vectors that would be empty (no friction, no stops), and those called `without`, are left
-    out. `vector` is the name of the inertial parameters, beta or pi; `inputs` what friction depends on
-    besides the velocity: "q", "load", "temperature".
+    out. `vector` is the name of the inertial parameters, beta, pi or pi_internal; `inputs` what friction
+    depends on besides the velocity: "q", "load", "temperature".
     """
     sizes = {**dict.fromkeys("nlbpshz", 0), **sizes}
     # What functions need to be there.

@@ -26,6 +26,7 @@ from pathlib import Path
 
 from symid.codegen.cache import compute_library_key, lock_folder
 from symid.codegen.compiler import STACK_FLAG, CodeSize, Compiler, locate_compiler, measure_code_sizes
+from symid.codegen.functions import Standard
 from symid.codegen.source_folder import (
     MANIFEST,
     SourceSet,
@@ -246,7 +247,8 @@ def generate_folder(
 
         check_folder(folder)
         progress(f"deriving the functions of {robot.name}")
-        standard = order.parameters == "standard"
+        kinds: dict[str, Standard] = {"base": False, "standard": True, "internal": "internal"}
+        standard = kinds[order.parameters]
         functions = build_functions(robot, names=order.functions, standard=standard, constant=order.constant)
         progress(f"writing {order.target} code")
         generate = {

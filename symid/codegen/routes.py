@@ -527,7 +527,7 @@ def choose_route(
             routes = {name: routes[name] for name in routes if name not in costly} or routes
         built, counts = dict[str, Outputs](), dict[str, programs.Operations]()
         for name, build in routes.items():
-            built[name] = workspace.recall(build)
+            built[name] = workspace.build_outputs(spec, build)
             counts[name] = table.count(itertools.chain(*built[name]))
         costs = {name: count.mul + count.add for name, count in counts.items()}
         chosen = min(costs, key=costs.__getitem__)

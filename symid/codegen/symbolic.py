@@ -210,7 +210,7 @@ def derive_symbolic(
     robot: Robot,
     name: str,
     *,
-    standard: bool = False,
+    standard: functions.Standard = False,
     base: BaseParameters | None = None,
     symbols: Mapping[str, Sequence[Expr]] | None = None,
 ) -> SymbolicFunction:
@@ -222,7 +222,7 @@ def derive_symbolic(
     Args:
         robot: the robot.
         name: of the function, such as "mass_matrix".
-        standard: whether the function takes the standard parameters pi in place of beta.
+        standard: whether it takes the standard parameters in place of beta, see `build_functions`.
         base: the base parameters of `robot` where they are known already.
         symbols: own expressions for inputs, one an element, for example {"q": dynamicsymbols("q1 q2")};
             others are q1.., dq1.., and the names of the parameters (ZZR1).
@@ -241,7 +241,11 @@ def derive_symbolic(
         return write_name_latex(symbol)
 
     if standard or base is None:
-        base = build_standard_parameters(robot) if standard else derive_base_parameters(robot)
+        base = (
+            build_standard_parameters(robot, internal=standard == "internal")
+            if standard
+            else derive_base_parameters(robot)
+        )
     (spec,) = functions.list_robot_specs(robot, base, (name,))
     known, own = [port.name for port in spec.inputs], symbols or {}
     for wrong in (key for key in own if key not in known):
@@ -257,7 +261,7 @@ def derive_symbolic(
         inputs[port.name] = ImmutableDenseMatrix(port.size, 1, entries)
     workspace = build_workspace(robot, base, spec, exact=True)
     programs = {
-        route: workspace.algebra.build_program(spec, workspace.recall(build))
+        route: workspace.algebra.build_program(spec, workspace.build_outputs(spec, build))
         for route, build in list_routes(robot, name).items()
     }
     sizes = {route: count_expanded_operations(program) for route, program in programs.items()}

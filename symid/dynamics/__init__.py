@@ -35,6 +35,7 @@ if TYPE_CHECKING:
         compute_mass_matrix as compute_mass_matrix,
         gather_body as gather_body,
         list_drive_parameters as list_drive_parameters,
+        move_from_stated_frames as move_from_stated_frames,
         transform_body as transform_body,
     )
     from symid.dynamics.exact_algebra import (

@@ -29,7 +29,7 @@ from symid.dynamics.observable_subspace import ObservableSubspace, derive_observ
 from symid.errors import Notice, RobotError
 from symid.joint_models import list_value_names
 from symid.notation import INERTIAL
-from symid.robot import Coupling, Exact, Joint, Placement, Robot, SymbolicInertia
+from symid.robot import Coupling, Exact, Joint, Placement, Robot, SymbolicInertia, move_by_placement
 
 BASE_FORMS = ("torque", "energy", "momentum", "gravity")
 _INERTIAL = (*INERTIAL, *DRIVE_PARAMETERS)
@@ -61,7 +61,7 @@ class BaseParameters:
 
     `parameters` are the inertial ones (drives included), `friction` those of the friction models, in the
     order of the vectors beta and f; `labels` the columns of K, all parameters in their canonical order.
-    `vector` is the letter of the inertial ones: beta, or pi for all standard parameters.
+    `vector` is the name of the inertial ones: beta, or pi or pi_internal for all standard parameters.
     """
 
     robot: str
@@ -113,8 +113,12 @@ def _list_angular_components(shown: ObservableSubspace, label: Label) -> tuple[t
     return tuple(tuple(sorted(column for column in row if column < 3)) for row in rows)
 
 
-def build_standard_parameters(robot: Robot) -> BaseParameters:
-    """Return all parameters, each for itself: K is the unit matrix, and some of them show nowhere."""
+def build_standard_parameters(robot: Robot, *, internal: bool = False) -> BaseParameters:
+    """Return all parameters, each for itself: K is the unit matrix, and some of them show nowhere.
+
+    Those of links are about the frames of the robot file, vector "pi"; `internal`: about the link frames used
+    here, whose z is the joint's axis, vector "pi_internal".
+    """
     labels, reason = _label_parameters(robot), "standard parameter, on its own"
     named = [(label, write_label(robot, label)) for label in labels]
     entries = [BaseParameter(name, label, ((label, Integer(1)),), name, reason) for label, name in named]
@@ -124,7 +128,7 @@ def build_standard_parameters(robot: Robot) -> BaseParameters:
         parameters=tuple(entry for entry in entries if entry.label[1] in _INERTIAL),
         friction=tuple(entry for entry in entries if entry.label[1] not in _INERTIAL),
         eliminated=(),
-        vector="pi",
+        vector="pi_internal" if internal else "pi",
     )
 
 
@@ -233,6 +237,11 @@ def list_known_values(robot: Robot) -> dict[Label, float]:
 def compute_parameter_values(robot: Robot, base: BaseParameters) -> dict[str, float]:
     """Return beta = K pi for every base parameter whose members are all known, in SI units."""
     known = list_known_values(robot)
+    for index, joint in enumerate(robot.joints if base.vector == "pi" else ()):
+        if joint.inertial is not None:
+            place, lengths = robot.get_stated_frame(index), dict(robot.symbols)
+            stated = move_by_placement(joint.inertial, place, lengths, inverse=True)
+            known |= {(index, name): value for name, value in zip(INERTIAL, stated, strict=True)}
     symbols = {Symbol(name): value for name, value in robot.symbols}
     result: dict[str, float] = {}
     for parameter in (*base.parameters, *base.friction):

@@ -38,7 +38,8 @@ from symid.dynamics.recursion import (
     transform_screws,
     transform_wrench,
 )
-from symid.robot import Exact, Robot
+from symid.notation import INERTIAL
+from symid.robot import IDENTITY, Exact, Robot
 
 DRIVE_PARAMETERS = ("IA", "KS", "KR")
 """Parameters of drives and springs, in their order within a joint."""
@@ -148,6 +149,22 @@ def gather_body(algebra: Algebra[T], parameters: Parameters[T], link: int) -> Bo
     xy, xz, yz = take("XY"), take("XZ"), take("YZ")
     tensor = ((take("XX"), xy, xz), (xy, take("YY"), yz), (xz, yz, take("ZZ")))
     return tensor, (take("MX"), take("MY"), take("MZ")), take("M")
+
+
+def move_from_stated_frames(robot: Robot, algebra: Algebra[T], stated: Parameters[T]) -> Parameters[T]:
+    """Return link parameters about the link frames from those about the frames of the robot file."""
+    moved, constant = dict(stated), algebra.constant
+    for link in range(robot.size):
+        place = robot.get_stated_frame(link)
+        if place == IDENTITY or not any((link, name) in stated for name in INERTIAL):
+            continue
+        rows = (*place.rotation, place.translation)
+        a, b, c, origin = ((constant(x), constant(y), constant(z)) for x, y, z in rows)
+        frame = LinkFrame(fixed=(a, b, c), turn=None, origin=origin, revolute=False)
+        tensor, moments, mass = transform_body(algebra, frame, gather_body(algebra, stated, link))
+        entries = (*(tensor[i][j] for i in range(3) for j in range(i, 3)), *moments, mass)
+        moved |= {(link, name): entry for name, entry in zip(INERTIAL, entries, strict=True)}
+    return moved
 
 
 def build_unit_body(algebra: Algebra[T], name: str) -> Body[T]:

@@ -17,15 +17,21 @@ from dataclasses import replace
 
 import numpy as np
 
+from symid.arrays import FloatArray
 from symid.dynamics.algebra import Algebra, T
 from symid.dynamics.bodies import Parameters, gather_body, rotate_tensor_about_z
 from symid.dynamics.recursion import Recursion, compute_motions
 from symid.dynamics.regressors import evaluate_torque_regressor
 from symid.errors import Notice
 from symid.notation import INERTIAL
-from symid.robot import ONE, ZERO, Exact, Joint, JointKind, Robot
+from symid.robot import DEFAULT_SNAP, ONE, ZERO, Exact, Joint, JointKind, Robot
 
 _ROUNDING_CODES = frozenset({"robot.angle-snapped", "robot.axis-snapped"})
+_ROUNDED_TURN = "robot.angle-rounded"
+# 4.71 is so far from 3 pi/2: the most that is taken for a rounded angle, in rad.
+_COARSE_SNAP = 2.5e-3
+# Of a coefficient of a group, in parts of the largest one of the group: what rounding may change.
+_STABLE = 0.01
 _STATES = 40
 _SEED = 20240
 # Between what an angle of 1e-5 rad adds to a column of length one, and its square.
@@ -134,48 +140,77 @@ def fix_last_link_axes(recursion: Recursion[T], old: Parameters[T]) -> tuple[Rec
 
 
 def choose_reading(read: Callable[..., Robot]) -> Robot:
-    """Return a robot with its angles rounded or, where that hides base parameters, as they are written.
+    """Return a robot with its angles as they are meant: near multiples of pi/2 these, else as written.
 
-    `read` takes the largest angle (rad) that is rounded as `snap`, or nothing for the usual one. Both
-    readings are compared in doubles at random states: by the rank of their torque regressors, columns of
-    length one, and within the limits by the torques of the file's values. A note says what was found.
+    `read` takes the largest angle (rad) that is rounded as `snap`, or nothing for the usual one. Angles that
+    are further off, but are written with so few digits that they may be rounded, become multiples of pi/2
+    only where the base set hangs on these digits: where a coefficient of a group changes by more than 1 %. A
+    note says what was assumed, and what it changes.
     """
-    rounded = read()
-    if not rounded.joints or not _ROUNDING_CODES & {notice.code for notice in rounded.notices}:
-        return rounded
-    exact = read(snap=0.0)
-    # The same draws anywhere, for the ranks, and within the limits, for the torques: q, dq, ddq.
+    usual = read()
+    codes = {notice.code for notice in usual.notices}
+    coarse = _ROUNDED_TURN in codes
+    if not usual.joints or not (coarse or _ROUNDING_CODES & codes):
+        return usual
+    rounded, written = (read(snap=_COARSE_SNAP), usual) if coarse else (usual, read(snap=0.0))
+    # The same draws anywhere, for the groups, and within the limits, for the torques: q, dq, ddq.
     motions = []
     for bounded in (False, True):
-        rng, usual = np.random.default_rng(_SEED), (-math.pi, math.pi)
-        ranges = [(axis.limits.position if bounded else None) or usual for axis in exact.axes]
+        rng, whole = np.random.default_rng(_SEED), (-math.pi, math.pi)
+        ranges = [(axis.limits.position if bounded else None) or whole for axis in written.axes]
         low, high = np.array(ranges).T[..., None]
-        q = low + (high - low) * rng.uniform(size=(exact.freedom, _STATES))
+        q = low + (high - low) * rng.uniform(size=(written.freedom, _STATES))
         motions.append((q, *(rng.uniform(-size, size, q.shape) for size in (2.0, 5.0))))
-    ranks, torques = [], []
-    keys = [(link, name) for link in range(exact.size) for name in INERTIAL]
-    for robot in (exact, rounded):
+    keys = [(link, name) for link in range(written.size) for name in INERTIAL]
+    groups, torques = [], []
+    for robot in (written, rounded):
         turned = ([part.T for part in motion] for motion in motions)
         free, limited = (evaluate_torque_regressor(robot, keys, *rows) for rows in turned)
-        matrix = free.reshape(-1, len(keys))
-        lengths = np.linalg.norm(matrix, axis=0)
-        kept = lengths > _SMALLEST_SINGULAR * lengths.max(initial=0.0)
-        singular = np.linalg.svd(matrix[:, kept] / lengths[kept], compute_uv=False)
-        ranks.append(int((singular > _SMALLEST_SINGULAR * singular.max(initial=0.0)).sum()))
+        groups.append(_group_columns(free.reshape(-1, len(keys))))
         values = np.array([joint.inertial or (0.0,) * len(INERTIAL) for joint in robot.joints])
         torques.append(limited @ values.ravel())
-    whole, left = ranks
+    counts = [np.count_nonzero(rows.any(axis=1)) for rows in groups]
+    sizes = np.maximum(np.abs(groups[1]).max(axis=1, initial=1.0), 1.0)
+    stable = bool(np.all(np.abs(groups[0] - groups[1]).max(axis=1, initial=0.0) <= _STABLE * sizes))
+    if coarse and stable:
+        return usual
     largest = np.abs(torques[0]).max(axis=0)
     differences = np.abs(torques[0] - torques[1]).max(axis=0)
     change = float(np.max(differences[largest > 0.0] / largest[largest > 0.0], initial=0.0))
     price = f"torques by at most {change:.1e} of each joint's largest"
-    if whole == left:
-        text = f"rounding the angles changes {price}, and not the number of base parameters ({whole}); "
-        text += "--snap 0 takes the angles as written"
-        note = Notice(code="robot.rounding-price", text=text, file=rounded.path)
-        return replace(rounded, notices=(*rounded.notices, note))
-    text = f"angles near multiples of pi/2 are taken as written: rounding them would change {price}, and "
-    text += f"the number of base parameters from {whole} to {left}; "
-    text += "if the angles should be exact, use --snap 1e-5"
-    note = Notice(code="robot.not-rounded", text=text, file=exact.path)
-    return replace(exact, notices=(*exact.notices, note))
+    remedy = f"--snap {DEFAULT_SNAP:g}" if coarse else "--snap 0"
+    if stable:
+        code, text = (
+            "robot.rounding-price",
+            f"rounding the angles changes {price}, and not the number of base ",
+        )
+        text += f"parameters ({counts[1]}); {remedy} takes the angles as written"
+    else:
+        code, text = "robot.rounding-assumed", "angles near multiples of pi/2 were taken as these multiples: "
+        text += (
+            f"as written, {counts[0]} base parameters in place of {counts[1]} would hang on the last digits "
+        )
+        text += f"of the file. This changes {price}; if the angles are meant as written, use {remedy}"
+    note = Notice(code=code, text=text, file=rounded.path)
+    return replace(rounded, notices=(*rounded.notices, note))
+
+
+def _group_columns(matrix: FloatArray) -> FloatArray:
+    """Return the groups of columns of a regressor: row j has what column j stands for, zeros if another does.
+
+    Columns are taken in their order; one that those before it make up, to 1e-9 of its length, joins them.
+    """
+    lengths = np.linalg.norm(matrix, axis=0)
+    size, seen = len(lengths), lengths > _SMALLEST_SINGULAR * lengths.max(initial=0.0)
+    basis, kept = np.zeros((len(matrix), 0)), list[int]()
+    for k in np.flatnonzero(seen):
+        rest = matrix[:, k] / lengths[k]
+        for _ in range(2):
+            rest = rest - basis @ (basis.T @ rest)
+        if (left := np.linalg.norm(rest)) > _SMALLEST_SINGULAR:
+            basis, kept = np.column_stack([basis, rest / left]), [*kept, int(k)]
+    groups = np.zeros((size, size))
+    if kept:
+        groups[kept] = np.linalg.lstsq(matrix[:, kept] / lengths[kept], matrix, rcond=None)[0]
+        groups[kept] /= lengths[kept, None]
+    return groups

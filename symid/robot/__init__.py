@@ -21,6 +21,7 @@ if TYPE_CHECKING:
         SymbolicInertia as SymbolicInertia,
     )
     from symid.robot.geometry import (
+        IDENTITY as IDENTITY,
         ONE as ONE,
         ZERO as ZERO,
         Exact as Exact,
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from symid.robot.inertia import (
         build_pseudo_inertias as build_pseudo_inertias,
         explain_impossible_inertia as explain_impossible_inertia,
+        move_by_placement as move_by_placement,
         move_parameters as move_parameters,
     )
     from symid.robot.loading import (
@@ -96,6 +98,7 @@ if TYPE_CHECKING:
         place_elasticity as place_elasticity,
         write_robot as write_robot,
     )
+    from symid.robot.urdf_reader import DEFAULT_SNAP as DEFAULT_SNAP
     from symid.robot.urdf_xml import read_urdf_text as read_urdf_text
     from symid.robot.xml_rewriters import rewrite_mjcf as rewrite_mjcf, rewrite_urdf as rewrite_urdf
 else:

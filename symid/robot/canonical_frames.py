@@ -29,6 +29,8 @@ _LONGEST_LENGTH = 10**12
 # A sum with square roots is no longer than this; beyond it came from decimals, and is one.
 _LONGEST_SURD = 10**8
 _LENGTH_PARTS = 10**12
+# Where nothing is to be moved: what doubles leave of zero and of a length, in m.
+_LENGTH_DUST, _EXACT_PARTS = 1e-14, 10**16
 _QUATERNION_PARTS = 10**16
 _Direction = tuple[geometry.Exact, geometry.Exact]
 _Freedom = tuple[_Direction | None, geometry.Exact | None]
@@ -56,14 +58,14 @@ def rationalize_placement(
     long = any(has_long_denominator(entry, _LONGEST_TURN) for row in placement.rotation for entry in row)
     rotation = geometry.snap_to_quarter_turns(placement, snap=snap) or placement
     if rotation is placement and (long or placement.rotation[0][2]):
-        if abs(r[0][2]) <= max(snap, _SMALLEST_SNAP):
+        if abs(r[0][2]) <= geometry.get_tolerance(snap):
             alpha = geometry.build_exact_angle(atan2(-r[1][2], r[2][2]), snap=snap)
             theta = geometry.build_exact_angle(atan2(-r[0][1], r[0][0]), snap=snap)
             rotation = geometry.compose_placements(geometry.rotate_x(alpha), geometry.rotate_z(theta))
         elif long:
             rotation = replace(placement, rotation=_approximate_rotation(r))
     moved = max(abs(a - b) for a, b in zip(chain(*r), chain(*geometry.to_floats(rotation)), strict=True))
-    origin = _rationalize_translation(placement.translation, rotation.rotation)
+    origin = _rationalize_translation(placement.translation, rotation.rotation, exact=not snap)
     return replace(rotation, translation=origin), moved
 
 
@@ -82,27 +84,30 @@ def _approximate_rotation(r: tuple[tuple[float, ...], ...]) -> geometry.ExactMat
 
 
 def _rationalize_translation(
-    origin: geometry.ExactVector, rotation: geometry.ExactMatrix
+    origin: geometry.ExactVector, rotation: geometry.ExactMatrix, *, exact: bool
 ) -> geometry.ExactVector:
     """Return the translation in short numbers: a and d, where it has the modified form."""
+    smallest = _LENGTH_DUST if exact else _SMALLEST_LENGTH
     longest = (_LONGEST_LENGTH if value.is_rational else _LONGEST_SURD for value in origin)
     if not any(map(has_long_denominator, origin, longest)):
-        x, y, z = (geometry.ZERO if abs(value.to_float()) < _SMALLEST_LENGTH else value for value in origin)
+        x, y, z = (geometry.ZERO if abs(value.to_float()) < smallest else value for value in origin)
         return (x, y, z)
     t = [value.to_float() for value in origin]
     u = [row[2] for row in rotation]
     d = sum(a.to_float() * b for a, b in zip(u, t, strict=True))
     rest = [b - a.to_float() * d for a, b in zip(u, t, strict=True)]
-    if not u[0] and max(abs(value) for value in rest[1:]) <= _SMALLEST_LENGTH:
-        offset = _round_length(d)
-        return (_round_length(rest[0]), u[1] * offset, u[2] * offset)
-    return (_round_length(t[0]), _round_length(t[1]), _round_length(t[2]))
+    if not u[0] and max(abs(value) for value in rest[1:]) <= smallest:
+        offset = _round_length(d, exact=exact)
+        return (_round_length(rest[0], exact=exact), u[1] * offset, u[2] * offset)
+    x, y, z = (_round_length(value, exact=exact) for value in t)
+    return (x, y, z)
 
 
-def _round_length(value: float) -> geometry.Exact:
-    if abs(value) < _SMALLEST_LENGTH:
+def _round_length(value: float, *, exact: bool) -> geometry.Exact:
+    if abs(value) < (_LENGTH_DUST if exact else _SMALLEST_LENGTH):
         return geometry.ZERO
-    return geometry.Exact.surd(Fraction(round(Fraction(value) * _LENGTH_PARTS), _LENGTH_PARTS))
+    parts = _EXACT_PARTS if exact else _LENGTH_PARTS
+    return geometry.Exact.surd(Fraction(round(Fraction(value) * parts), parts))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -128,7 +133,7 @@ def choose_canonical_frames(joints: Sequence[Joint], *, snap: float = 1e-5) -> C
     Parents stand before children. Axes within `snap` (rad) of being parallel, and turns within it of a
     multiple of pi/2, are taken as such; zero turns that off.
     """
-    tolerance = max(snap, _SMALLEST_SNAP)
+    tolerance = geometry.get_tolerance(snap)
     children: dict[int, Joint] = {}
     for joint in joints:
         children.setdefault(joint.parent, joint)
@@ -153,7 +158,7 @@ def choose_canonical_frames(joints: Sequence[Joint], *, snap: float = 1e-5) -> C
             axis = next((k for k in range(3) if abs(zs[k].to_float()) <= tolerance), None)
             direction = _KEPT if axis is None else (xs[axis], ys[axis])
             if axis is not None and zs[axis]:
-                direction = _approximate_direction(xs[axis], ys[axis])
+                direction = _approximate_direction(xs[axis], ys[axis], tolerance)
         cosine, sine = direction
         lifted = [(cosine * a + sine * b).to_float() for a, b in zip(xs, ys, strict=True)]
         if next(entry for entry in lifted if abs(entry) > tolerance) < 0:
@@ -189,8 +194,8 @@ def _choose_frame(child: geometry.Placement, tolerance: float) -> _Freedom:
             return direction, None
         # Lengths that somebody chose stay exact; those that a program rotated are rounded anyway.
         chosen = not ux and not uy and _is_chosen(px) and _is_chosen(py)
-        return _KEPT if chosen else _approximate_direction(px, py), None
-    direction = _compute_exact_direction(-uy, ux) or _approximate_direction(-uy, ux)
+        return _KEPT if chosen else _approximate_direction(px, py, tolerance), None
+    direction = _compute_exact_direction(-uy, ux) or _approximate_direction(-uy, ux, tolerance)
     along = (px * ux + py * uy) * geometry.invert_exact(ux * ux + uy * uy)
     return direction, pz - uz * along
 
@@ -216,7 +221,8 @@ def _compute_exact_direction(x: geometry.Exact, y: geometry.Exact) -> _Direction
     return (x * inverse, y * inverse)
 
 
-def _approximate_direction(x: geometry.Exact, y: geometry.Exact) -> _Direction:
-    """Return a direction along (x, y) to the digits of a double."""
-    angle = geometry.build_exact_angle(atan2(y.to_float(), x.to_float()), snap=0)
+def _approximate_direction(x: geometry.Exact, y: geometry.Exact, tolerance: float) -> _Direction:
+    """Return a direction along (x, y) to the digits of a double; multiples of pi/12 within the tolerance."""
+    snap = geometry.ROUNDED if tolerance >= geometry.ROUNDED else 0.0
+    angle = geometry.build_exact_angle(atan2(y.to_float(), x.to_float()), snap=snap)
     return (angle.cosine, angle.sine)

@@ -408,6 +408,14 @@ class Robot:
         """Return the joints that have a coordinate of their own."""
         return tuple(joint for joint in self.joints if joint.mimic is None)
 
+    def get_stated_frame(self, index: int) -> Placement:
+        """Return the frame in which the file states a joint's link, seen from the link frame used here.
+
+        That of the moving link itself: `Joint.frame` is the tip's where a tip is fixed to it.
+        """
+        stated = (link.placement for link in self.links if link.joint == index)
+        return next(stated, self.joints[index].frame)
+
     @property
     def elastic(self) -> tuple[bool, ...]:
         """Return for each coordinate whether its joint is elastic."""

@@ -196,6 +196,9 @@ def read_angle(section: Section, key: str, *inner: int) -> geometry.Angle:
         by = float(match["by"] or 1)
         size = float(match["times"] or 1) * math.pi / by if by else None
         radians = -size if size and match["sign"] == "-" else size
+    elif text and radians is None and (form := parse_linear_form(text)) is not None:
+        # A number as a text, "0", or a sum such as "pi/2 - 0.1".
+        radians = form.to_float({"pi": math.pi}) if set(form.symbols) <= {"pi"} else None
     shown = section.show(key, *inner)
     if radians is None:
         allowed = 'a number in rad, "pi/2", "-3*pi/4" or "90 deg"'

@@ -175,9 +175,13 @@ _COSINES = (
     Exact.surd(0, Fraction(-1, 4), 0, Fraction(1, 4)),
     ZERO,
 )
-_ROUNDED = 1e-9
+ROUNDED = 1e-9
 """Angles below this (rad) are the rounding of what was written."""
+_EXACT = 1e-14
+"""What is left of zero after a few operations in doubles, in rad: less than this moves nothing."""
 _HALF_TANGENT_DENOMINATOR = 10**8
+_WRITTEN_DIGITS = 3
+"""A number with fewer digits is no rounded multiple of pi/2: 1.6 is 0.03 rad away, 1.57 is 0.0008."""
 
 
 def _cosine_of_twelfths(k: int) -> Exact:
@@ -185,24 +189,42 @@ def _cosine_of_twelfths(k: int) -> Exact:
     return _COSINES[k] if k <= 6 else -_COSINES[12 - k]
 
 
+def get_tolerance(snap: float) -> float:
+    """Return the angle (rad) within which rotations are equal: `snap`, or for zero what doubles leave."""
+    return max(snap, ROUNDED) if snap else _EXACT
+
+
+def is_rounded_turn(radians: Decimal) -> bool:
+    """Return whether an angle is a multiple of pi/2 but zero, rounded or cut to its digits: 1.57, 3.1415."""
+    turn = round(float(radians) / (math.pi / 2)) * Decimal(math.pi) / 2
+    _, digits, exponent = radians.as_tuple()
+    if not turn or not isinstance(exponent, int) or not -15 < exponent < 0 or len(digits) < _WRITTEN_DIGITS:
+        return False
+    if abs(turn - radians) < ROUNDED:
+        return False
+    step = Decimal(1).scaleb(exponent)
+    ways = (decimal.ROUND_HALF_EVEN, decimal.ROUND_DOWN)
+    return any(turn.quantize(step, rounding=way) == radians for way in ways)
+
+
 def build_exact_angle(radians: float, *, snap: float = 1e-5) -> Angle:
     """Return the angle with exact cosine and sine.
 
-    Within `snap` (rad) it is moved to a multiple of pi/2; zero turns that off. Multiples of pi/12 written to
-    1e-9 or better are always met.
+    Within `snap` (rad) it is moved to a multiple of pi/2, and multiples of pi/12 written to 1e-9 or better
+    are met. Zero turns both off: the angle is that of the double, to 1e-15 rad.
     """
     twelfths = round(radians / (math.pi / 12))
     moved = twelfths * (math.pi / 12) - radians
-    if abs(moved) <= (max(snap, _ROUNDED) if twelfths % 6 == 0 and snap else _ROUNDED):
+    if abs(moved) <= get_tolerance(snap if twelfths % 6 == 0 else min(snap, ROUNDED)):
         cosine, sine = _cosine_of_twelfths(twelfths), _cosine_of_twelfths(twelfths - 6)
         # Rounding of the input is no move worth a notice.
-        snapped_by = moved if abs(moved) > _ROUNDED else 0.0
+        snapped_by = moved if abs(moved) > ROUNDED else 0.0
         return Angle(cosine=cosine, sine=sine, radians=twelfths * (math.pi / 12), snapped_by=snapped_by)
     turn = math.remainder(radians, 2 * math.pi)
     # Near a half turn the half-angle tangent is huge: go through the opposite angle.
     opposite = abs(turn) > math.pi / 2
     half = math.remainder(turn - math.pi, 2 * math.pi) / 2 if opposite else turn / 2
-    t = Fraction(math.tan(half)).limit_denominator(_HALF_TANGENT_DENOMINATOR)
+    t = Fraction(math.tan(half)).limit_denominator(_HALF_TANGENT_DENOMINATOR ** (1 if snap else 2))
     scale = (-1 if opposite else 1) / (1 + t * t)
     return Angle(cosine=Exact.surd(scale * (1 - t * t)), sine=Exact.surd(scale * 2 * t), radians=radians)
 
@@ -428,7 +450,7 @@ def build_axis_frame(axis: Sequence[Fraction], *, snap: float = 1e-5) -> tuple[P
     index = max(range(3), key=lambda k: abs(values[k]))
     others = math.hypot(*(float(value) for k, value in enumerate(values) if k != index))
     moved = math.atan2(others, abs(float(values[index])))
-    if moved <= max(snap, _ROUNDED):
+    if moved <= get_tolerance(snap):
         quarters = 1 if values[index] > 0 else -1
         angle = build_exact_angle((0 if quarters > 0 else math.pi) if index == 2 else quarters * math.pi / 2)
         # z goes to y by a quarter turn back about x.
@@ -453,7 +475,7 @@ def snap_to_quarter_turns(placement: Placement, *, snap: float = 1e-5) -> Placem
     """Return `placement` with the rotation of entries 0, 1 and -1 that it is near, None without one."""
     rows = to_floats(placement)
     moved = max(abs(value - round(value)) for row in rows for value in row)
-    if moved > max(snap, _ROUNDED):
+    if moved > get_tolerance(snap):
         return None
     r0, r1, r2 = ((Exact.of(round(x)), Exact.of(round(y)), Exact.of(round(z))) for x, y, z in rows)
     turned = replace(placement, rotation=(r0, r1, r2))

@@ -16,7 +16,7 @@ import difflib
 import os
 import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from decimal import Decimal, DecimalException
 from pathlib import Path
@@ -284,6 +284,7 @@ def load_robot(
     base: str | None = None,
     tip: str | None = None,
     snap: float | None = None,
+    xacro: Mapping[str, str] | Sequence[str] = (),
     convention: str | None = None,
     gravity: tuple[str, str, str] | None = None,
 ) -> Robot:
@@ -296,6 +297,7 @@ def load_robot(
         base: the link of a URDF, or body of an MJCF model, to start from.
         tip: the link or body to end at.
         snap: angle in rad within which rotations of a URDF or MJCF become multiples of pi/2.
+        xacro: arguments of a xacro file, by name, or texts such as "prefix:=left_".
         convention: of a table of rows, "modified" or "standard"; it is never guessed.
         gravity: of a table of rows, in the base frame, m/s^2.
 
@@ -314,7 +316,8 @@ def load_robot(
         from symid.robot.mjcf_reader import read_xml_robot
         from symid.robot.urdf_reader import DEFAULT_SNAP
 
-        robot = read_xml_robot(path, base=base, tip=tip, snap=DEFAULT_SNAP if snap is None else snap)
+        nearest = DEFAULT_SNAP if snap is None else snap
+        robot = read_xml_robot(path, base=base, tip=tip, snap=nearest, xacro=_list_arguments(xacro))
         return override_settings(robot, settings, friction)
     for option, value in (("base", base), ("tip", tip), ("snap", snap)):
         if value is not None:
@@ -322,6 +325,9 @@ def load_robot(
             remedy = "write the angles exactly" if option == "snap" else "leave the joints out of the file"
             text = f"--{option} {value}: only a URDF or MJCF is {what}; leave the option out, or {remedy}"
             raise UsageError(Notice(code="usage.no-urdf", text=text, file=str(path)))
+    if xacro:
+        text = "only a xacro file has arguments; leave --xacro out"
+        raise UsageError(Notice(code="usage.xacro", text=text, file=str(path)))
     if convention is not None:
         from symid.robot.toml_reader import read_dh_table
 
@@ -331,6 +337,17 @@ def load_robot(
 
         robot = read_robot(path)
     return override_settings(robot, settings, friction)
+
+
+def _list_arguments(xacro: Mapping[str, str] | Sequence[str]) -> dict[str, str]:
+    """Return the arguments of a xacro file by name; a UsageError for a text that is not NAME:=VALUE."""
+    if isinstance(xacro, Mapping):
+        return {name: str(value) for name, value in xacro.items()}
+    parts = [text.partition(":=") for text in xacro]
+    if wrong := [text for text, part in zip(xacro, parts, strict=True) if not (part[0].strip() and part[1])]:
+        text = f"--xacro {wrong[0]}: expected NAME:=VALUE, such as prefix:=left_"
+        raise UsageError(Notice(code="usage.xacro", text=text))
+    return {name.strip(): value for name, _, value in parts}
 
 
 def override_settings(

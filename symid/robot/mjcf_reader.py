@@ -19,7 +19,7 @@ with mechanics, flags that switch forces off.
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
@@ -44,6 +44,7 @@ ACTUATORS = (
 )
 """The kinds of actuators; they share their defaults."""
 
+_FEEDBACK = ("position", "velocity", "intvelocity", "pid", "damper")
 _TORQUE = "actuatorfrcrange"
 _UPRIGHT = (Decimal(0), Decimal(0), Decimal(1))
 _Body = tuple[float, ...] | None
@@ -380,7 +381,12 @@ def _compute_geom(own: urdf_parts.XmlPart, frame: geometry.Placement) -> _Body:
 
 
 def read_xml_robot(
-    path: Path, *, base: str | None = None, tip: str | None = None, snap: float = DEFAULT_SNAP
+    path: Path,
+    *,
+    base: str | None = None,
+    tip: str | None = None,
+    snap: float = DEFAULT_SNAP,
+    xacro: Mapping[str, str] | None = None,
 ) -> Robot:
     """Return the robot that the URDF or MJCF model at `path` describes; its outermost element says which.
 
@@ -390,11 +396,12 @@ def read_xml_robot(
         tip: the link or body to end at; all branches belong to the robot if None. Where it is fixed to the
             last moving link, its frame becomes that link's `Joint.frame`.
         snap: angle in rad within which rotations are moved to multiples of pi/2; zero turns that off.
+        xacro: arguments of a xacro file, by name; others have their defaults.
 
     Raises:
         RobotError: with a notice for each mistake in the file, in the order of their places.
     """
-    source = read_urdf_text(path)
+    source = read_urdf_text(path, arguments=xacro)
     robot = parse_xml_robot(source.text, source.file, base=base, tip=tip, snap=snap)
     made = robot.made_from and replace(robot.made_from, file=str(path))
     return replace(robot, path=str(path), notices=(*source.notices, *robot.notices), made_from=made)
@@ -675,6 +682,13 @@ def _read_actuators(reading: urdf_parts.TreeReading) -> None:
             own.refuse("robot.out-of-range", "gear: must not be 0", "gear")
             continue
         found.setdefault(joint, []).append((own, gear))
+        curved = own.read_word("biastype", "none") == "affine" and any(own.read_numbers("biasprm", 1, 10)[1:])
+        if own.element.tag in _FEEDBACK or curved:
+            gains = [f"{key}={own.read_word(key)}" for key in ("kp", "kv", "biasprm") if own.has(key)]
+            text = "actuators that brake or hold joints by feedback, which is no part of the model: their "
+            text += "forces are torques of the drives, as in a log, not friction; of joints {}"
+            kind = " ".join((f"'{joint}': <{own.element.tag}>", *gains))
+            reading.group("robot.mjcf-controller", text, kind, element)
     for joint, entries in found.items():
         own, gear = entries[0]
         for other, second in entries[1:]:

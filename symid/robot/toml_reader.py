@@ -23,6 +23,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +48,7 @@ from symid.robot.exact_values import (
     read_position,
     read_vector,
 )
-from symid.robot.geometry import IDENTITY, ZERO, Placement, compose_placements, place_joint
+from symid.robot.geometry import IDENTITY, ROUNDED, ZERO, Exact, Placement, compose_placements, place_joint
 from symid.robot.inertia import (
     TENSOR,
     compute_standard_parameters,
@@ -81,6 +82,8 @@ _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
 # Letters of coordinates, functions and parameters would read as something else in a formula.
 _LETTERS = (*INERTIAL, *("IA", "KS", "KR"), *(name for name in FRICTION_PARTS if not name[-1].isdigit()))
 _RESERVED = re.compile(rf"(?:pi|tau|theta|sqrt|atan|[sc]\d+|d{{0,2}}q\d*|(?:{'|'.join(_LETTERS)})R?\d+)")
+# Of the largest entry: programs print the two halves of a matrix with some rounding.
+_ASYMMETRY = 1e-6
 _STANDARD_UNITS = ("kg*m^2",) * 6 + ("kg*m",) * 3 + ("kg",)
 _JOINT_KEYS = ("name", "kind", "parent", *DH_KEYS, "origin", "frame", "mimic", "link", *MOVING_KEYS)
 _KINDS = {
@@ -215,7 +218,9 @@ def read_body(
         mass = read_linear_form(link, "mass", "kg", allowed=POSITIVE)
         place = read_vector(link, "com", "m")
         inertia = dict.fromkeys(TENSOR, ZERO)
-        if tensor := link.read_table("inertia", TENSOR):
+        if isinstance(link.values.get("inertia"), list):
+            inertia |= _read_tensor(link)
+        elif tensor := link.read_table("inertia", TENSOR):
             for entry in TENSOR:
                 allowed = NOT_NEGATIVE if entry[0] == entry[1] else ANY
                 inertia[entry] = read_linear_form(tensor, entry, "kg*m^2", allowed=allowed) or ZERO
@@ -245,6 +250,30 @@ def read_body(
         section.warn("robot.point-mass", name, f"{text} (kg*m^2) if the link has one")
     symbolic = form and any(entry.symbols for entry in (form.mass, *form.com, *form.inertia))
     return move_by_placement(found, frame, symbols), form if symbolic else None
+
+
+def _read_tensor(link: Section) -> dict[str, Exact]:
+    """Return the entries of an inertia written as three rows, symmetric but for rounding."""
+    rows = link.values["inertia"]
+    if len(rows) != 3 or any(not isinstance(row, list) or len(row) != 3 for row in rows):
+        text = "expected { xx, xy, xz, yy, yz, zz } or three rows of three numbers in kg*m^2, got "
+        link.refuse("robot.wrong-type", "inertia", text + link.show("inertia"))
+        return {}
+    read = partial(read_linear_form, link, "inertia", "kg*m^2")
+    entries = [
+        [read(i, j, allowed=NOT_NEGATIVE if i == j else ANY) or ZERO for j in range(3)] for i in range(3)
+    ]
+    found: dict[str, Exact] = {}
+    largest = max(abs(entry.to_float(link.symbols)) for row in entries for entry in row)
+    for name, (i, j) in zip(TENSOR, ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)), strict=True):
+        one, two = entries[i][j], entries[j][i]
+        if abs((one - two).to_float(link.symbols)) > _ASYMMETRY * largest:
+            first, second = (entry.to_float(link.symbols) for entry in (one, two))
+            text = f"the matrix must be symmetric; its entries ({i + 1}, {j + 1}) and ({j + 1}, {i + 1}) "
+            text += f"are {first:g} and {second:g}"
+            link.refuse("robot.asymmetric-inertia", "inertia", text, i, j)
+        found[name] = one if one == two else (one + two) * Exact.of("0.5")
+    return found
 
 
 def _read_mimics(
@@ -288,7 +317,7 @@ def _read_mimics(
         else:
             section, frame = sections[index], offsets[name]
             if len(path) > 2:
-                frame = place_joint(end.offset, section.symbols, prismatic=section.prismatic, snap=0.0)
+                frame = place_joint(end.offset, section.symbols, prismatic=section.prismatic, snap=ROUNDED)
             followers[index] = Mimic(master=names.index(path[-1]), multiplier=end.multiplier), frame
     return followers
 

@@ -29,6 +29,7 @@ from symid.joint_models import FrictionValues
 from symid.robot import geometry
 from symid.robot.description import Coupling, Drive, Limits, MimicStep, Spring
 from symid.robot.inertia import compute_standard_parameters, explain_impossible_inertia, move_parameters
+from symid.robot.plausibility import explain_correction
 from symid.robot.toml_values import Place, explain_wide_limits, show, sort_notices, suggest_names, to_decimal
 from symid.robot.urdf_xml import TENSOR, XmlDocument, XmlElement
 
@@ -92,6 +93,7 @@ class TreeReading:
     """A file that is being read: its links and joints by name, mistakes, and what is not used.
 
     `steps` are followers by name, `couplings` drives that turn with several joints, named as their terms.
+    `blamed` has the element of each mistake.
     `grouped` has the names and places of warnings that are given once for many, by (code, text). Of an MJCF
     model `classes` has the elements where a class states attributes, by class, kind of element and attribute;
     `parts` bodies, joints and tendons by kind and name.
@@ -107,6 +109,7 @@ class TreeReading:
     steps: dict[str, MimicStep] = field(default_factory=dict)
     couplings: list[tuple[Coupling, "XmlPart", Terms]] = field(default_factory=list)
     errors: list[Notice] = field(default_factory=list)
+    blamed: dict[Notice, XmlElement] = field(default_factory=dict)
     warnings: list[Notice] = field(default_factory=list)
     grouped: dict[tuple[str, str], list[tuple[str, Place]]] = field(default_factory=dict)
 
@@ -123,7 +126,9 @@ class TreeReading:
     def refuse(self, code: str, text: str, element: XmlElement | None = None, attribute: str = "") -> None:
         """Add an error at an element (default: the root) or at the value of one of its attributes."""
         place = self.document.locate_place(element or self.document.root, attribute)
-        self.errors.append(place.notice(code, text))
+        notice = place.notice(code, text)
+        self.errors.append(notice)
+        self.blamed[notice] = element or self.document.root
 
     def warn(self, code: str, text: str, element: XmlElement | None = None, attribute: str = "") -> None:
         """Add a warning, likewise."""
@@ -449,7 +454,8 @@ def build_body(
     turned = move_parameters((*central, 0.0, 0.0, 0.0, mass), rotation, np.zeros(3))
     found = compute_standard_parameters(mass, com, turned[:6])
     if mass and (impossible := explain_impossible_inertia(found)):
-        text = f"no physical body has this inertia; the values are kept: {impossible}"
+        likely = explain_correction(mass, com, central)
+        text = f"no physical body has this inertia; the values are kept: {impossible}{likely}"
         part.warn("robot.impossible-inertia", text)
     elif not mass and any(found):
         text = "links {}: inertia without mass, which no physical body has; the values are kept"
@@ -538,6 +544,10 @@ def _read_joint(name: str, part: XmlPart) -> TreeJoint | None:
         if moved := max(abs(angle.snapped_by) for angle in (roll, pitch, yaw)):
             text = "origin rpy was moved to the nearest multiple of pi/2, of joints (by rad) {}"
             place.group("robot.angle-snapped", text, f"{moved:.1e}", "rpy")
+        exact = zip(rpy, (roll, pitch, yaw), strict=True)
+        if any(geometry.is_rounded_turn(value) and not angle.snapped_by for value, angle in exact):
+            text = "origin rpy holds rounded multiples of pi/2 that are taken as written, of joints {}"
+            place.group("robot.angle-rounded", text, attribute="rpy")
         text = "lengths below 1e-9 m in origin xyz were taken as zero, of joints {}"
         lengths = build_lengths(place, xyz, "xyz", text)
         origin = replace(geometry.rotate_rpy(roll, pitch, yaw), translation=lengths)

@@ -11,6 +11,7 @@ simple transmissions; the part of the tree beyond a base link, the chain up to a
 Not supported: closed loops, several trees, rings of followers, floating and planar joints.
 """
 
+import math
 import re
 from codecs import BOM_UTF8
 from collections.abc import Iterator, Mapping, Sequence
@@ -33,6 +34,7 @@ from symid.robot.geometry import (
     translate,
 )
 from symid.robot.inertia import lump_fixed_joints, move_by_placement
+from symid.robot.plausibility import find_implausible
 from symid.robot.toml_values import BASE, sort_notices, suggest_names
 from symid.robot.urdf_parts import TreeJoint, TreeReading, list_words, read_parts
 from symid.robot.urdf_xml import XmlDocument
@@ -66,7 +68,14 @@ def _read_tree(reading: TreeReading, base: str | None, tip: str | None, *, compl
     for element in reading.document.root.find_all("loop_joint"):
         name = element.attributes.get("name", "")
         reading.refuse("robot.closed-loop", f"loop_joint '{name}': {_LOOP}", element)
-    root = _locate_root(reading, above) if complete else None
+    end = base or tip
+    if end in links and reading.document.root.tag == "robot":
+        # What does not carry the chosen part need not be whole.
+        root: str | None = end
+        for _ in above:
+            root = above[root].parent if root in above else root
+    else:
+        root = _locate_root(reading, above) if complete else None
     wrong = [(name, end) for name, end in ((base, "base"), (tip, "tip")) if name and name not in links]
     for name, end in wrong:
         hint = suggest_names(name, links) or f"the links are {list_words(links, most=12)}"
@@ -78,7 +87,7 @@ def _read_tree(reading: TreeReading, base: str | None, tip: str | None, *, compl
         below.setdefault(joint.parent, []).append(joint)
     reached = {root, *(joint.child for joint in _walk(root, below))}
     lost = [joint for joint in joints.values() if joint.child not in reached]
-    if lost:
+    if lost and not end:
         names = list_words(f"'{joint.name}'" for joint in lost)
         lost[0].part.refuse("robot.closed-loop", f"not connected to the base: {names} form a ring; {_LOOP}")
         return None
@@ -109,11 +118,38 @@ def _read_tree(reading: TreeReading, base: str | None, tip: str | None, *, compl
         found = "every joint is fixed" if chosen else f"there is no joint after the link '{start}'"
         reading.refuse("robot.no-joints", f"{found}, and a robot needs one that moves")
     kept = {start, *(joint.child for joint in chosen)}
+    _forget_outside(reading, kept, {joint.name for joint in (*before, *chosen)})
     if cut := [link for link in links.values() if link.name not in kept]:
         names, mass = list_words((link.name for link in cut), most=12), sum(link.mass for link in cut)
         text = f"outside of the chosen part, and not in the model: the links {names} ({mass:.6g} kg in all)"
         reading.warn("robot.cut-off", text, cut[0].part.element)
     return start, before, chosen
+
+
+def _forget_outside(reading: TreeReading, links: set[str], joints: set[str]) -> None:
+    """Drop the mistakes in elements of a URDF that have nothing to do with the chosen links and joints."""
+    root, inside = reading.document.root, {"link": links, "joint": joints}
+    if root.tag != "robot":
+        return
+    spans = []
+    for element in root.find_all("link", "joint", "transmission", "loop_joint"):
+        ends = [end.attributes.get("link", "") for end in element.children if "link" in end.attributes]
+        names = {element.attributes.get("name", "")} & inside.get(element.tag, set())
+        if element.tag == "transmission":
+            names = {joint.attributes.get("name", "") for joint in element.find_all("joint")} & joints
+        elif element.tag == "loop_joint":
+            names = set() if set(ends) - links else {"closed"}
+        elif element.tag == "joint" and not set(ends) - links:
+            # A second joint between links that are here is a loop, or a mistake in the name.
+            names = {"here"}
+        if not names:
+            spans.append((element.offset, reading.document.ends[element.offset]))
+    outside = {
+        notice
+        for notice, element in reading.blamed.items()
+        if any(begin <= element.offset <= end for begin, end in spans)
+    }
+    reading.errors[:] = [notice for notice in reading.errors if notice not in outside]
 
 
 def _locate_root(reading: TreeReading, above: Mapping[str, TreeJoint]) -> str | None:
@@ -231,6 +267,7 @@ def assemble_robot(
         raise RobotError(*sort_notices(reading.errors))
     document, root = reading.document, reading.document.root
     what, link, attribute = ("URDF", "link", "name") if gravity is None else ("MJCF model", "body", "model")
+    _warn_implausible(reading, first, kept)
     joints, links = _reduce_joints(reading, first, kept, followers, tip)
     # Drives that turn with several joints; joints that stand still do not move them.
     index = {joint.name: number for number, joint in enumerate(joints)}
@@ -291,6 +328,28 @@ def assemble_robot(
         couplings=tuple(couplings),
         made_from=made,
     )
+
+
+def _warn_implausible(reading: TreeReading, first: str, kept: Sequence[TreeJoint]) -> None:
+    """Warn of masses and inertias of the chosen links that do not fit the robot's size."""
+    # How far each link's origin is from the base, and its farthest part from its origin.
+    away, sizes = {first: 0.0}, {first: 0.0}
+    for joint in kept:
+        length = math.hypot(*(value.to_float() for value in joint.origin.translation))
+        slide = max(map(abs, joint.limits.position or (0.0,))) if joint.type == "prismatic" else 0.0
+        away[joint.child] = away[joint.parent] + length + slide
+        sizes[joint.parent] = max(sizes[joint.parent], length)
+        sizes[joint.child] = 0.0
+    stated = {name: reading.links[name].inertial for name in sizes}
+    bodies = {name: body for name, body in stated.items() if body is not None and body[9] > 0.0}
+    for name, body in bodies.items():
+        sizes[name] = max(sizes[name], math.hypot(*body[6:9]) / body[9])
+    reach = max((away[name] + size for name, size in sizes.items()), default=0.0)
+    for name, text in find_implausible(bodies, sizes, reach):
+        if name:
+            reading.links[name].part.warn("robot.implausible-body", text)
+        else:
+            reading.warn("robot.implausible-body", text)
 
 
 def _place_offset(joint: TreeJoint, follower: description.MimicStep | None, snap: float) -> Placement:

@@ -2,8 +2,8 @@
 
 A path -> `UrdfText`; a text -> `XmlDocument`, with places; edits of single values -> the text with them, all
 else as it is. Xacro files are expanded by the package xacro (the extra `xacro`), no ROS needed; arguments
-have their defaults. Packages of $(find NAME) are looked for around the file, in ROS_PACKAGE_PATH and in
-AMENT_PREFIX_PATH.
+have their defaults where a call does not give them. Packages of $(find NAME) are looked for around the file,
+in ROS_PACKAGE_PATH and in AMENT_PREFIX_PATH.
 
 Supported: well-formed XML, at most 100 elements deep (an MJCF model 1000); elements of other files among its
 own. Not supported: document types and the entities that they define (a few lines of them fill any memory);
@@ -21,14 +21,15 @@ from pathlib import Path
 from typing import Any
 from xml.parsers import expat
 
-from symid.errors import Notice, RobotError
-from symid.robot.toml_values import Place, read_text_file
+from symid.errors import Notice, RobotError, UsageError
+from symid.robot.toml_values import Place, read_text_file, suggest_names
 
 TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 """Attributes of <inertia>, in the order of the entries of a tensor."""
 
 _ATTRIBUTE = re.compile(rb"([^\s=/>\"']+)\s*=\s*(\"[^\"]*\"|'[^']*')")
 _COMMENT = re.compile(r"<!--.*?-->", re.DOTALL)
+_XACRO_ARGUMENT = re.compile(r"<xacro:arg\s[^>]*?\bname\s*=\s*[\"']([^\"']+)")
 _QUOTED = re.compile(rb"[^>\"']|\"[^\"]*\"|'[^']*'")
 _DEEPEST, _DEEPEST_BODIES = 100, 1000
 _TOO_DEEP = "elements are nested more than {} deep; a URDF needs five levels, an MJCF model one a body"
@@ -200,14 +201,24 @@ class UrdfText:
     notices: tuple[Notice, ...] = ()
 
 
-def read_urdf_text(path: Path, *, keep_ends: bool = False) -> UrdfText:
+def read_urdf_text(
+    path: Path, *, keep_ends: bool = False, arguments: Mapping[str, str] | None = None
+) -> UrdfText:
     """Return the text of the URDF at `path`, or of the one that the xacro file there writes.
 
-    `keep_ends`: as of `read_text_file`. A RobotError if it cannot be read or expanded, or xacro is missing.
+    `keep_ends`: as of `read_text_file`. `arguments` of the xacro file, by name.
+
+    Raises:
+        RobotError: it cannot be read or expanded, or xacro is missing.
+        UsageError: the file has no such argument.
     """
+    given = arguments or {}
     text = read_text_file(path, keep_ends=keep_ends)
     # A comment may show what a xacro file would have.
     if path.suffix.lower() != ".xacro" and "<xacro:" not in _COMMENT.sub("", text):
+        if given:
+            words = "only a xacro file has arguments; leave --xacro out"
+            raise UsageError(Notice(code="usage.xacro", text=words, file=str(path)))
         return UrdfText(text=text, file=str(path))
     try:
         import xacro
@@ -230,27 +241,46 @@ def read_urdf_text(path: Path, *, keep_ends: bool = False) -> UrdfText:
         lost.append(name)
         return f"$(find {name})"
 
-    printed, arguments = io.StringIO(), dict[str, str]()
+    printed, used = io.StringIO(), dict(given)
     before = substitution_args._eval_find  # noqa: SLF001  xacro has no other way to tell where packages are
     try:
         with contextlib.redirect_stderr(printed), contextlib.redirect_stdout(printed):
             _use_finder(substitution_args, find)
             # The text that the program xacro prints, line by line, but without the folder in its head.
-            document = xacro.process_file(str(path), mappings=arguments)
+            document = xacro.process_file(str(path), mappings=used)
             document.childNodes[1].data = f" expanded by xacro from {path.name} "
             text = document.toprettyxml(indent="  ")
     except Exception as error:  # expressions of the file raise whatever they like
         raise RobotError(_explain_failure(xacro, error, path, lost)) from error
     finally:
         _use_finder(substitution_args, before)
-    found = [f"{name}:={value}" for name, value in arguments.items()]
-    words = f"expanded by xacro{', arguments at their defaults: ' if found else ''}{', '.join(found)}"
+    if unknown := _list_unknown(given, path, map(Path, xacro.all_includes)):
+        raise UsageError(*(Notice(code="usage.xacro", text=text, file=str(path)) for text in unknown))
+    open_ones = [f"{name}:={value}" for name, value in used.items() if name not in given]
+    words = f"expanded by xacro{', with ' if given else ''}"
+    words += ", ".join(f"{name}:={value}" for name, value in given.items())
+    words += f"{', arguments at their defaults: ' if open_ones else ''}{', '.join(open_ones)}"
     words += f'; lines of messages with "(expanded)" are those that `xacro {path.name}` prints'
     notices = [Notice(code="robot.xacro-arguments", text=words, file=str(path))]
     said = [f"xacro: {entry}" for entry in (printed.getvalue().strip(),) if entry]
     said += [f"{_explain_package(name)}; paths that begin with it are left as they are" for name in lost[:1]]
     notices += [Notice(code="robot.xacro-warning", text=entry, file=str(path)) for entry in said]
     return UrdfText(text=text, file=f"{path} (expanded)", notices=tuple(notices))
+
+
+def _list_unknown(given: Mapping[str, str], path: Path, included: Iterable[Path]) -> list[str]:
+    """Return a sentence for each argument that neither the xacro file nor those that it includes declare."""
+    if not given:
+        return []
+    files = filter(Path.is_file, (path, *included))
+    texts = (file.read_text(encoding="utf-8", errors="replace") for file in files)
+    known = dict.fromkeys(_XACRO_ARGUMENT.findall("".join(texts)))
+    return [
+        f"--xacro {name}: the file has no such argument; "
+        + (suggest_names(name, known, otherwise="it has") if known else "it has none")
+        for name in given
+        if name not in known
+    ]
 
 
 def _use_finder(module: Any, find: Any) -> None:  # noqa: ANN401  xacro has no types
@@ -283,8 +313,7 @@ def _explain_failure(xacro: Any, error: Exception, path: Path, lost: list[str]) 
     if lost:
         text = _explain_package(lost[0])
     elif cause is not None:
-        text = f"the argument {cause} has no default; run `xacro {path.name} {cause}:=VALUE > robot.urdf` "
-        text += "and give that file"
+        text = f"the argument {cause} has no default; give it with --xacro {cause}:=VALUE"
     else:
         text = f"xacro cannot expand it: {str(error) or type(error).__name__}"
     for macro in (xacro.macrostack or ())[-1:]:

@@ -143,7 +143,7 @@ def _spread_change(
                         *_, end = reading.steps[joint.name].follow(reading.steps)
                         offset += geometry.ZERO if end.master in reading.steps else end.offset
                     prismatic = joint.type == "prismatic"
-                    shift = geometry.place_joint(offset, prismatic=prismatic, snap=0.0)
+                    shift = geometry.place_joint(offset, prismatic=prismatic, snap=geometry.ROUNDED)
                 placed = geometry.compose_placements(
                     joint.origin, joint.turn, shift, geometry.invert_placement(joint.turn)
                 )

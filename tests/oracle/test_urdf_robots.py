@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import symid
 from symid.dynamics.base_parameters import derive_base_parameters
 from symid.errors import RobotError
-from symid.robot.mjcf_reader import read_xml_robot as read_urdf
 from symid.robot.simulator_writers import write_urdf
 from tests import urdfs
 from tests.chains import build_transmission
@@ -90,10 +90,10 @@ def find_differences(path, robot, model, rng):
 def test_count_is_the_rank_of_pinocchios_regressor(path):
     if path.stem in REFUSED:
         with pytest.raises(RobotError) as caught:
-            read_urdf(path)
+            symid.load(path)
         assert REFUSED[path.stem] in {notice.code for notice in caught.value.notices}
         return
-    robot = read_urdf(path)
+    robot = symid.load(path).description
     model = pin.buildModelFromXML(write_urdf(robot))
     rng = np.random.default_rng(1)
     rank, gap = compute_rank(robot, model, rng)

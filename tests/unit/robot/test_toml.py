@@ -103,6 +103,11 @@ IN_JOINT = [
     (INERTIA, LINK + "inertia = ^{ xx = 1, yy = 1, zz = 3 } }", "1, 1 and 3 kg*m^2"),
     (INERTIA, LINK + "inertia = ^{ xx = 0.1, yy = 0.1, xy = 0.5, zz = 0.5 } }", "-0.4, 0.5 and 0.6 kg*m^2"),
     ("robot.two-forms", "link = { ^mass = 1, standard = { M = 1 } }", "mass: "),
+    (
+        "robot.asymmetric-inertia",
+        LINK + "inertia = [[1, ^0.5, 0], [0, 1, 0], [0, 0, 1]] }",
+        "(1, 2) and (2, 1)",
+    ),
     ("robot.rotor-side", "drive = { ^rotor_inertia = 1e-5 }", 'rotor_inertia_side = "motor"'),
     ("robot.rotor-side", 'drive = { ^rotor_inertia_side = "motor" }', "rotor_inertia = 1e-5"),
     ("robot.friction-values", LAW + '"coulomb-viscous", ^Fv = 1 }', "without Fc; give all of Fv, Fc"),

@@ -130,7 +130,7 @@ def test_a_package_of_meshes_alone_is_no_obstacle(arm):
     ("inner", "words"),
     [
         ("  <xacro:arm/>\n", "unknown macro name: xacro:arm"),
-        ('  <link name="$(arg side)"/>\n', "side has no default; run `xacro a.xacro side:=VALUE"),
+        ('  <link name="$(arg side)"/>\n', "side has no default; give it with --xacro side:=VALUE"),
         ('  <link name="${1 / 0}"/>\n', "division by zero"),
         ('  <link name="${nothing}"/>\n', "nothing"),
         ('  <xacro:include filename="absent.xacro"/>\n', "absent.xacro"),
