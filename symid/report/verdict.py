@@ -180,6 +180,10 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
         for entry in evidence.tests
         if entry.what == "gravity" and entry.verdict == _DIFFERENT
     ]
+    off = [f"{entry.joint} {entry.part}" for entry in evidence.tests if entry.what == "scale"]
+    if off:
+        text = f"torques have another size than the robot file's values give: {', '.join(off)}"
+        caps.append(("doubtful", f"{text}; check unit, gear and torque constant, or these values"))
     if evidence.impossible:
         bounded = min(_rate(evidence.bounded), "usable", key=LEVELS.index)
         text = f"{'; '.join(evidence.impossible)}; bodies that exist leave {evidence.bounded:.3g} %"

@@ -186,13 +186,20 @@ class Drive:
     """A drive: `gear` motor turns per joint turn, `rotor_inertia` on the *joint* side (kg m^2).
 
     The reader multiplies a motor-side inertia by gear^2. `torque_constant` is in N m/A on the motor side. A
-    joint with a rotor, of known inertia or not, has a parameter IA.
+    joint with a rotor, of known inertia or not, has a parameter IA. `direct` says that a gear of 1 is stated,
+    which currents need to become torques; it does not count otherwise.
     """
 
     gear: float = 1.0
     has_rotor: bool = False
     rotor_inertia: float | None = None
     torque_constant: float | None = None
+    direct: bool = False
+
+    @property
+    def gear_stated(self) -> bool:
+        """Return whether the gear is stated, not taken as 1 for want of a statement."""
+        return self.direct or self.gear != 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

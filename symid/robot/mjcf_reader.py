@@ -656,6 +656,7 @@ def _read_tendons(reading: urdf_parts.TreeReading) -> None:
 def _read_actuators(reading: urdf_parts.TreeReading) -> None:
     """Add gears, and limits of the torque where the joint itself has none."""
     found: dict[str, list[tuple[urdf_parts.XmlPart, float]]] = {}
+    direct: set[str] = set()
     for element in _list_entries(reading, "actuator"):
         own = reading.enter(element, f"actuator '{element.attributes.get('name', '')}'", "actuator")
         key = "joint" if "joint" in element.attributes else "jointinparent"
@@ -675,6 +676,7 @@ def _read_actuators(reading: urdf_parts.TreeReading) -> None:
             own.refuse("robot.out-of-range", "gear: must not be 0", "gear")
             continue
         found.setdefault(joint, []).append((own, gear))
+        direct |= {joint} if gears and gear == 1.0 else set()
     for joint, entries in found.items():
         own, gear = entries[0]
         for other, second in entries[1:]:
@@ -692,4 +694,5 @@ def _read_actuators(reading: urdf_parts.TreeReading) -> None:
             ]
             sizes = [min(-pair[0], pair[1]) * abs(gear) for pair in forces if pair and pair[0] < 0 < pair[1]]
             limits = replace(limits, torque=min(sizes, default=None))
-        reading.joints[joint] = replace(entry, drive=replace(entry.drive, gear=gear), limits=limits)
+        drive = replace(entry.drive, gear=gear, direct=gear == 1.0 and joint in direct)
+        reading.joints[joint] = replace(entry, drive=drive, limits=limits)

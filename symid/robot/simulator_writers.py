@@ -189,15 +189,17 @@ def write_urdf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
         lines.append("  </joint>")
     for joint in robot.joints:
         drive = joint.drive
-        if drive.gear == 1.0 and not drive.has_rotor:
+        if not drive.gear_stated and not drive.has_rotor:
             continue
         lines += [
             f"  <transmission name={_write_quoted(f'{joint.name}_transmission')}>",
             "    <type>transmission_interface/SimpleTransmission</type>",
             f"    <joint name={_write_quoted(joint.name)}/>",
             f"    <actuator name={_write_quoted(f'{joint.name}_motor')}>",
-            f"      <mechanicalReduction>{write_decimal(drive.gear)}</mechanicalReduction>",
         ]
+        if drive.gear_stated:
+            reduction = write_decimal(drive.gear)
+            lines.append(f"      <mechanicalReduction>{reduction}</mechanicalReduction>")
         if drive.rotor_inertia is not None:
             # On the motor side, as URDFs have it.
             inertia = write_decimal(drive.rotor_inertia / drive.gear**2)
@@ -272,13 +274,13 @@ def write_mjcf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
         tendons.append("    </fixed>")
     for name, joint in zip(names, robot.joints, strict=True):
         if joint.mimic is None:
-            motor, gear = _write_quoted(f"{joint.name}_motor"), write_decimal(joint.drive.gear)
-            limit = ""
+            motor, drive, limit = _write_quoted(f"{joint.name}_motor"), joint.drive, ""
+            gear = f' gear="{write_decimal(drive.gear)}"' if drive.gear_stated else ""
             if (torque := joint.limits.torque) is not None and find_bristles(joint.friction):
                 # A limit of the joint would count its bristles as well, which are an actuator.
-                force = torque / abs(joint.drive.gear)
+                force = torque / abs(drive.gear)
                 limit = f' forcerange="{write_decimals((-force, force))}"'
-            motors.append(f'    <motor name={motor} joint={name} gear="{gear}"{limit}/>')
+            motors.append(f"    <motor name={motor} joint={name}{gear}{limit}/>")
         else:
             pair = f"joint1={name} joint2={names[joint.mimic.master]}"
             multiple = write_decimal(float(joint.mimic.multiplier))

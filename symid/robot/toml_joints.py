@@ -554,6 +554,7 @@ def complete_joint(section: Section, joint: Joint, *, fixed: bool) -> Joint:
             has_rotor=has_rotor,
             rotor_inertia=None if inertia is None else inertia * (ratio**2 if side == "motor" else 1.0),
             torque_constant=table.read_float("torque_constant", "N*m/A"),
+            direct=gear == 1.0,
         )
     fastest, shared = limits.velocity or math.inf, "mimic" in section.values
     friction = _read_friction(section, fastest, shared=shared)

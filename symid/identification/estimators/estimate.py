@@ -140,8 +140,10 @@ class ConsistencyTest:
     """Whether two estimates from the same logs say the same of a joint's torque.
 
     Args:
-        what: "halves", "logs", "slow rows", "band", or "gravity" (its direction against the robot file's).
-        joint: its name; part: which log, where it is one of several, or by how much gravity is turned.
+        what: "halves", "logs", "slow rows", "band"; against the robot file "gravity" (its direction), and
+            "scale" of a joint, only where it differs.
+        joint: its name; part: which log, where it is one of several, how far gravity is turned, how many
+            times the torque is.
         verdict: "same", "different" or "cannot be said"; size: percent of the torque by which they differ
             beyond noise; bound: percent, at most; p: probability of so large a difference by chance.
     """

@@ -112,6 +112,7 @@ IN_JOINT = [
     (UNIT, '[log]\nposition = { columns = ["q"], unit = ^"rad/s" }', "expected a unit of angle"),
     ("robot.missing-factor", TORQUE + '["u"], unit = ^"V" }', "needs a factor that turns it into N m"),
     ("robot.missing-factor", TORQUE + '["u"], unit = ^"A" }', "torque_constant"),
+    ("robot.missing-gear", TORQUE + '["u"], unit = ^"A", factor = 2, side = "motor" }', "gear = 1: direct"),
     ("robot.column-count", TORQUE + '^["a", "b"], unit = "N m" }', "2 columns for 1 joints"),
     ("robot.column-count", TORQUE + '["a"], unit = "N m", factor = ^[1, 2] }', "2 factors for 1 joints"),
     ("robot.transmission-shape", "[log]\ntransmission = ^[[1, 2]]", "expected 1 rows of 1 numbers"),
