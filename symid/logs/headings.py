@@ -320,7 +320,7 @@ def build_quantity(
 
 def describe_lacking(joints: Sequence[Joint], *, geared: bool = True) -> str:
     """Return what drives lack that makes currents torques of joints, or of motors if not `geared`."""
-    drives = [(joint.name, joint.drive) for joint in joints]
+    drives = [(joint.name, joint.drive) for joint in joints if joint.actuated]
     lacking = {
         "torque constant": [name for name, drive in drives if drive.torque_constant is None],
         "gear": [name for name, drive in drives if geared and not drive.gear_stated],

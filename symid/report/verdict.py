@@ -36,6 +36,7 @@ from symid.identification.estimators import (
     ParameterEstimate,
     Residual,
     Validation,
+    list_shares,
 )
 from symid.identification.friction import FrictionIdentification
 from symid.identification.judge import POLICY
@@ -131,7 +132,7 @@ def _find_lost(residual: Sequence[Residual], logs: str) -> Caps:
     A joint counts 100 % at most: one whose torque is all noise makes no fit of many joints wrong, nor does
     one with little torque beside others of the same unit.
     """
-    shares = [entry.relative_percent for entry in residual]
+    shares = list_shares(residual)
     if not shares or not sum(min(100.0, share) for share in shares) > POLICY.lost * len(shares):
         return []
     if len({entry.unit for entry in residual}) == 1 and all(0.0 < share < math.inf for share in shares):

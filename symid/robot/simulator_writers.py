@@ -217,6 +217,8 @@ def list_urdf_omissions(robot: Robot, *, gravity: bool = True) -> Iterator[str]:
     if gravity and down != (0.0, 0.0, -9.81):
         yield f"gravity of the model: {write_decimals(down)} m/s^2 in the frame of the link {BASE}"
     for joint in robot.joints:
+        if not joint.actuated:
+            yield f"joint {joint.name}: it has no motor"
         yield from list_friction_omissions(f"joint {joint.name}", joint.friction)
         if joint.drive.rotor_inertia:
             text = f"joint {joint.name}: rotor inertia {joint.drive.rotor_inertia} on the joint's side"
@@ -273,6 +275,8 @@ def write_mjcf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
             tendons.append(f'      <joint joint={names[index]} coef="{write_decimal(float(factor))}"/>')
         tendons.append("    </fixed>")
     for name, joint in zip(names, robot.joints, strict=True):
+        if not joint.actuated:
+            continue
         if joint.mimic is None:
             motor, drive, limit = _write_quoted(f"{joint.name}_motor"), joint.drive, ""
             gear = f' gear="{write_decimal(drive.gear)}"' if drive.gear_stated else ""

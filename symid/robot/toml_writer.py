@@ -150,6 +150,8 @@ def _write_joint(robot: Robot, index: int, placed: dict[str, str], *, hints: boo
     yield f'kind = "{joint.kind.value}"'
     if joint.parent != index - 1:
         yield f"parent = {write_value(robot.joints[joint.parent].name if joint.parent >= 0 else BASE)}"
+    if not joint.actuated:
+        yield add_comment("actuated = false", "no motor")
     for key, text in placed.items():
         yield f"{key} = {text}" if index else add_comment(f"{key} = {text}", _PLACING[key])
     if joint.mimic:
