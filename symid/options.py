@@ -438,6 +438,13 @@ class ExportOptions(Options):
         Kind(name="percent", least=0.0),
         "PERCENT",
     )
+    ratio: float | None = _output(
+        None,
+        "Times that the identified torque of a joint may be larger or smaller than that of the robot file's "
+        "values.  [default: 3]",
+        number(1.0),
+        "FACTOR",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

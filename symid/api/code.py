@@ -209,6 +209,8 @@ class CompiledModel:
     bias: RobotFunction
     inverse_dynamics: RobotFunction
     forward_dynamics: RobotFunction
+    partial_inverse_dynamics: TupleFunction
+    partial_forward_dynamics: RobotFunction
     inverse_dynamics_derivatives: TupleFunction
     forward_dynamics_derivatives: TupleFunction
     mass_matrix_derivatives: RobotFunction

@@ -260,6 +260,7 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         precision: Precision = "double",
         accept: bool = False,
         limit: float | None = None,
+        ratio: float | None = None,
     ) -> ExportedFile:
         """Write the robot with the values of the fit; the suffix of `path` selects the format.
 
@@ -274,15 +275,17 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             accept: write the file although the verdict on the fit is wrong.
             limit: percent of each joint's torque that the bodies may differ from the fit by; by default 0.5,
                 or 0.45 times what the fit leaves of held-out torque where that is more.
+            ratio: times that the torque of a joint may be larger or smaller than that of the robot file's
+                values; by default 3.
 
         Raises:
             UsageError: the format is unknown, or cannot hold this fit; there is no URDF or MJCF.
-            EstimateError: the format cannot represent these values, bodies differ by more than the limit, or
-                the verdict is wrong.
+            EstimateError: the format cannot represent these values, bodies differ by more than the limit,
+                torques by more than the ratio, or the verdict is wrong.
             OutputError: the file cannot be written.
         """
         robot = self.robot
-        options = ExportOptions(precision=precision, accept=accept, limit=limit)
+        options = ExportOptions(precision=precision, accept=accept, limit=limit, ratio=ratio)
         return export_fit(robot.description, self, path, options, robot.progress)
 
     def report(

@@ -218,7 +218,12 @@ def export_fit(
         identified = identification.build_identified(robot, result, source)
         progress(f"computing consistent bodies with the identified values of {robot.name}")
         written = identification.write_identified(
-            identified, source, output, precision=options.precision, limit=options.limit
+            identified,
+            source,
+            output,
+            precision=options.precision,
+            limit=options.limit,
+            ratio=options.ratio,
         )
     notices = (*report.list_verdict_notices(verdict, str(source)), *written.notices)
     return ExportedFile(product=replace(written, notices=notices))

@@ -206,7 +206,7 @@ def report_command(
     "File to write: .toml, .urdf, .xml or .mjcf (MuJoCo), .usda, .h (C), .json.",
     cli.record_options(ExportOptions, "precision"),
     cli.OUTPUT("--in-place", "Write the URDF or MJCF that ROBOT was made from, not -o.", is_flag=True),
-    cli.record_options(ExportOptions, "accept", "limit"),
+    cli.record_options(ExportOptions, "accept", "limit", "ratio"),
 )
 def export_command(
     console: Console,

@@ -370,7 +370,7 @@ def _read_code_bytes() -> tuple[tuple[str, bytes], ...]:
 def keep_dynamics(robot: Robot) -> Robot:
     """Return what the functions of a robot depend on: it without limits, controller, logs, names of files."""
     plain = [
-        replace(joint, limits=Limits(), drive=replace(joint.drive, torque_constant=None))
+        replace(joint, limits=Limits(), drive=replace(joint.drive, torque_constant=None, direct=False))
         for joint in robot.joints
     ]
     model = replace(robot, joints=tuple(plain), log=LogMap(), processing=Processing(), controller=None)

@@ -168,6 +168,14 @@ def build_workspace(
         inputs[port.name] = tuple(table.input(number, element) for element in range(port.size))
     for name, values in (constants or {}).items():
         inputs[name] = tuple(map(table.constant, values))
+    for name in ("ddq", "tau"):
+        # What is given of driven and of passive joints, and zero for the others.
+        pairs = ((robot.driven, inputs.get(f"{name}_a")), (robot.passive, inputs.get(f"{name}_p")))
+        given = {
+            place: ref for places, refs in pairs if refs for place, ref in zip(places, refs, strict=True)
+        }
+        if given:
+            inputs[name] = tuple(given.get(place, table.zero) for place in range(robot.freedom))
     moves = (inputs[name] for name in ("q", "dq", "ddq"))
     motion = [dynamics.spread_coordinates(robot, table, values)[: robot.size] for values in moves]
     constant = [table.constant(turns.get(joint, 0.0)) for joint in range(robot.size)]
@@ -250,6 +258,17 @@ def build_forward_dynamics(workspace: RouteWorkspace, mass: RouteBuilder, torque
     rest = list(map(table.sub, workspace.inputs["tau"], bias))
     factors = _Factors(table, [entries[n * row : n * (row + 1)] for row in range(n)])
     return (tuple(factors.solve(rest)),)
+
+
+def build_partial_inverse(workspace: RouteWorkspace, mass: RouteBuilder, torques: RouteBuilder) -> Outputs:
+    """Solve M_pp ddq_p = tau_p - r_p, tau_a = r_a + M_ap ddq_p, r the torques at ddq_p = 0 (Spong 1994)."""
+    table, robot = workspace.algebra, workspace.robot
+    n, driven, passive = robot.freedom, robot.driven, robot.passive
+    (entries,), (rest,) = workspace.recall(mass), workspace.recall(torques)
+    factors = _Factors(table, [[entries[n * i + j] for j in passive] for i in passive])
+    found = factors.solve([table.sub(workspace.inputs["tau"][i], rest[i]) for i in passive])
+    moved = [[(entries[n * i + j], x) for j, x in zip(passive, found, strict=True)] for i in driven]
+    return tuple(-_remove(table, -rest[i], row) for i, row in zip(driven, moved, strict=True)), tuple(found)
 
 
 def build_articulated(workspace: RouteWorkspace) -> Outputs:

@@ -317,7 +317,8 @@ def build_spring_vector(elasticities: Sequence[Elasticity], card: ModelCard | No
 
 
 # Name: shape in letters (n coordinates, l links, b inertial and p friction parameters,
-# s stops, h parameters of springs, z deflections of bristles), unit, meaning.
+# s stops, h parameters of springs, z deflections of bristles, a coordinates with a motor, u without one,
+# v the same where one of them has friction), unit, meaning.
 _INPUTS = {
     "q": ("n", "rad", "joint coordinates"),
     "dq": ("n", "rad/s", "joint velocities"),
@@ -325,6 +326,9 @@ _INPUTS = {
     "dqr": ("n", "rad/s", "reference velocities"),
     "ddqr": ("n", "rad/s^2", "reference accelerations"),
     "tau": ("n", "N m", "joint torques without friction"),
+    "ddq_a": ("a", "rad/s^2", "accelerations of the joints with a motor"),
+    "tau_a": ("a", "N m", "torques of the joints with a motor, without friction"),
+    "tau_p": ("v", "N m", "torques of the joints without a motor: less their friction"),
     "beta": ("b", "mixed", "base inertial parameters"),
     "pi": ("b", "mixed", "standard parameters of links, drives and springs"),
     "pi_internal": ("b", "mixed", "standard parameters of links in internal frames, of drives and springs"),
@@ -345,6 +349,7 @@ _INPUTS = {
 _SHARED = ("beta", "pi", "pi_internal", "f", "IA", "h")
 _OUTPUTS = {
     **_INPUTS,
+    "ddq_p": ("u", "rad/s^2", "accelerations of the joints without a motor"),
     "R": ("l33", "1", "rotation matrices, one a link"),
     "P": ("l3", "m", "origins, one a link"),
     "J": ("6n", "m, 1", "Jacobian"),
@@ -394,6 +399,10 @@ _ENTRIES = {
     "bias: q dq beta -> c": "Coriolis, centrifugal and gravity torque",
     "inverse_dynamics: q dq ddq beta -> tau": "torque that gives the acceleration ddq",
     "forward_dynamics: q dq tau beta -> ddq": "acceleration under the torque tau",
+    "partial_inverse_dynamics: q dq ddq_a tau_p beta -> tau_a ddq_p": "torque of joints with a motor that "
+    "gives them the acceleration ddq_a, and how those without one then accelerate",
+    "partial_forward_dynamics: q dq tau_a tau_p beta -> ddq": "acceleration of all joints under the "
+    "torque of those with a motor",
     "inverse_dynamics_derivatives: q dq ddq beta -> dtau_dq dtau_ddq dtau_dddq": "derivatives of "
     "the inverse dynamics",
     "forward_dynamics_derivatives: q dq tau beta -> ddq dddq_dq dddq_ddq dddq_dtau": "acceleration under "
@@ -455,7 +464,9 @@ def find_parameter_axis(output: str) -> int | None:
 Standard = bool | Literal["internal"]
 """Whether functions take standard parameters, and of links in internal frames in place of the file's."""
 
-LIMITED = frozenset(_FULL)
+PARTIAL = ("partial_inverse_dynamics", "partial_forward_dynamics")
+"""Functions of robots some of whose joints have no motor."""
+LIMITED = frozenset((*_FULL, *PARTIAL))
 """Functions that are not written for every robot, or only where they are named."""
 
 
@@ -472,7 +483,7 @@ def list_specs(
     out. `vector` is the name of the inertial parameters, beta, pi or pi_internal; `inputs` what friction
     depends on besides the velocity: "q", "load", "temperature".
     """
-    sizes = {**dict.fromkeys("nlbpshz", 0), **sizes}
+    sizes = {**dict.fromkeys("nlbpshzauv", 0), **sizes}
     # What functions need to be there.
     springs = ("hysteresis_step", "hysteresis_inverse_step", "elastic_inverse_dynamics")
     offered = {
@@ -480,6 +491,7 @@ def list_specs(
         **dict.fromkeys(_FULL, sizes["n"] <= MOST_FULL),
         **dict.fromkeys(springs, sizes["h"] > 0),
         "friction_step": sizes["z"] > 0,
+        **dict.fromkeys(PARTIAL, sizes["a"] * sizes["u"] > 0),
         **dict.fromkeys(without, False),
     }
 
@@ -487,7 +499,7 @@ def list_specs(
         ports = []
         for name in names:
             letters, unit, meaning = known[name]
-            if letters in ("s", "p") and not sizes[letters]:
+            if letters in ("s", "p", "v") and not sizes[letters]:
                 continue
             shape = tuple(sizes[letter] if letter in sizes else int(letter) for letter in letters)
             ports.append(Port(name=name, shape=shape, unit=unit, meaning=meaning, shared=name in _SHARED))
@@ -546,6 +558,7 @@ def list_robot_specs(
     if any(spring.cubic for spring in springs):
         # Such a spring has no inverse.
         without += ["hysteresis_inverse_step", "elastic_inverse_dynamics"]
+    braked = any(robot.axes[position].friction.law != NO_FRICTION for position in robot.passive)
     specs = list_specs(
         {
             "n": robot.freedom,
@@ -555,6 +568,9 @@ def list_robot_specs(
             "s": sum(len(spring.stops) for spring in springs),
             "h": sum(len(_list_spring_entries(spring)) for spring in springs),
             "z": sum(count for _, count in list_bristles(robot)),
+            "a": len(robot.driven),
+            "u": len(robot.passive),
+            "v": len(robot.passive) if braked else 0,
         },
         vector=base.vector,
         inputs=list_friction_inputs(robot),

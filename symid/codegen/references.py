@@ -62,7 +62,7 @@ PER_UNIT = 1000
 
 _INPUT_RANGES = {"q": 3.0, "dq": 2.0, "ddq": 5.0, "tau": 20.0}
 _INPUT_RANGES |= {"dddq": 20.0, "ddddq": 100.0, "phi": 0.02, "P": 0.02, "tau_J": 20.0, "Q": 5.0}
-_INPUT_RANGES |= {"way": 0.003, "z": 0.003}
+_INPUT_RANGES |= {"way": 0.003, "z": 0.003, "ddq_a": 5.0, "tau_a": 20.0, "tau_p": 5.0}
 ANGLE_LIMITS = {"double": 1e6, "float": 1e4}
 """Up to which angle the generated code takes whole turns off by itself, in rad."""
 

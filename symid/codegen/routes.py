@@ -402,7 +402,20 @@ def _list_composite_routes(build: RouteBuilder) -> Routes:
     return _list_variants(*names, build=build)
 
 
+def _pair_routes(build: Callable[..., Outputs]) -> Routes:
+    """Return the routes of what takes a mass matrix and torques."""
+    return {
+        f"{mass}; {torques}": partial(build, mass=_MASS_ROUTES[mass], torques=route)
+        for mass in _MASS_ROUTES
+        for torques, route in _RECURSION_ROUTES.items()
+    }
+
+
 _ARTICULATED, _SUM = "articulated bodies", "sum over bodies"
+_FORWARD_ROUTES: Routes = {
+    **_pair_routes(equation_routes.build_forward_dynamics),
+    **_list_four(_ARTICULATED, equation_routes.build_articulated),
+}
 _TORQUE_REGRESSOR_ROUTES = _list_regressor_routes(dynamics.compute_torque_columns, _derive_torque)
 ROUTES: Mapping[str, Routes] = {
     "forward_kinematics": {"chain of frames": _emit_forward_kinematics},
@@ -423,16 +436,9 @@ ROUTES: Mapping[str, Routes] = {
     "gravity": _TORQUE_ROUTES,
     "bias": _TORQUE_ROUTES,
     "inverse_dynamics": _TORQUE_ROUTES,
-    "forward_dynamics": {
-        **{
-            f"{mass}; {torques}": partial(
-                equation_routes.build_forward_dynamics, mass=_MASS_ROUTES[mass], torques=route
-            )
-            for mass in _MASS_ROUTES
-            for torques, route in _RECURSION_ROUTES.items()
-        },
-        **_list_four(_ARTICULATED, equation_routes.build_articulated),
-    },
+    "forward_dynamics": _FORWARD_ROUTES,
+    "partial_inverse_dynamics": _pair_routes(equation_routes.build_partial_inverse),
+    "partial_forward_dynamics": _FORWARD_ROUTES,
     "inverse_dynamics_derivatives": {
         **_list_composite_routes(equation_routes.build_derivatives),
         **{

@@ -189,6 +189,11 @@ def _list_names(robot: Robot, base: BaseParameters, port: functions.Port) -> lis
             if joint.elasticity is not None
             for place, _ in enumerate(joint.elasticity.stops, start=1)
         ]
+    stem, _, part = port.name.partition("_")
+    if part in ("a", "p"):
+        # Of joints with a motor, or without one.
+        numbers = [numbers[k] for k in (robot.driven if part == "a" else robot.passive)]
+        return [f"{stem}{number}" for number in numbers]
     return [f"{port.name}{number}" for number in numbers]
 
 

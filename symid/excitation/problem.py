@@ -51,7 +51,7 @@ from symid.excitation.trajectories import SeriesSpace, build_grid_basis, build_s
 from symid.ipopt import Constraints
 from symid.joint_models import NO_FRICTION
 from symid.options import ExciteOptions
-from symid.robot import Robot
+from symid.robot import Robot, refuse_passive_joints
 from symid.serialization import HIDDEN
 
 _GRAM_SAMPLES = 20
@@ -290,6 +290,7 @@ class ExcitationProblem:
 
 def build_problem(robot: Robot, options: ExciteOptions) -> ExcitationProblem:
     """Return the problem of a robot, or raise a UsageError or RobotError if options or values do not fit."""
+    refuse_passive_joints(robot, "they follow no trajectory; move the others, and record what they do")
     limits, weights = get_motion_limits(robot, options), np.ones(robot.freedom)
     if options.deviations is not None:
         given = options.deviations

@@ -23,6 +23,8 @@ from symid.identification import friction as frictions, identified
 from symid.identification.elastic import build_rigid_variant
 from symid.identification.estimators import check_model
 from symid.identification.identified import Identified, JointCost
+from symid.identification.judge import POLICY
+from symid.identification.rigid import JointScale, compare_fit_scales
 from symid.joint_models import FrictionValues, get_friction_law
 from symid.serialization import write_json
 
@@ -62,6 +64,7 @@ class FileExport:
         missing: what was not identified.
         standard: the bodies, None where none were computed.
         costs: what these bodies cost joint by joint, where they are not those identified.
+        scales: of identified torques against those of the robot file's values, by joint.
         rewritten: the file of which all else was kept, empty where the file is new.
         friction: what was written where only friction was identified.
         notices: what a user of the file must know.
@@ -75,6 +78,7 @@ class FileExport:
     missing: tuple[str, ...] = ()
     standard: StandardSet | None = None
     costs: tuple[JointCost, ...] = ()
+    scales: tuple[JointScale, ...] = ()
     rewritten: str = ""
     friction: WrittenFriction | None = None
     notices: tuple[Notice, ...] = ()
@@ -138,19 +142,43 @@ def write_stated(robot: robots.Robot, path: Path, *, precision: str = "double") 
 
 
 def write_identified(
-    found: Identified, source: Path, path: Path, *, precision: str = "double", limit: float | None = None
+    found: Identified,
+    source: Path,
+    path: Path,
+    *,
+    precision: str = "double",
+    limit: float | None = None,
+    ratio: float | None = None,
 ) -> FileExport:
     """Write the robot with identified values, from `source`.
 
-    `limit` is what the bodies may cost of each joint's torque, in percent, see `measure_costs`; an
-    EstimateError tells that they cost more, or that such a file cannot have the values.
+    `limit` is what the bodies may cost of each joint's torque, in percent, see `measure_costs`; `ratio` how
+    many times larger or smaller it may be than by the values of the robot file. An EstimateError tells that
+    they cost more, that it is beyond, or that such a file cannot have the values.
     """
     check_format(path, precision)
+    library, most = prepare_library(found.robot), POLICY.scale if ratio is None else ratio
+    scales = compare_fit_scales(
+        library,
+        found.robot,
+        [entry.name for entry in found.values],
+        [entry.value for entry in found.values],
+        found.covariance,
+        found.motion,
+    )
+    off = ", ".join(f"{entry.joint} {entry.ratio:.3g} times" for entry in scales if entry.is_beyond(most))
+    if off:
+        text = (
+            "the identified torques have another size than the values of the robot file give "
+            f"({off}; limit {most:g}): check unit and side in [log.torque], gears and torque constants, and "
+            "identify again; "
+            "where the values of the file are wrong, allow it by --ratio FACTOR (ratio=...)"
+        )
+        raise EstimateError(Notice(code="export.scale", text=text, file=str(source)))
     # In a format without rotors for simulators, links have the inertia of their rotors, if they can.
     rotorless, costs = _choose_kind(found.robot, path) == "URDF", tuple[JointCost, ...]()
     built = identified.build_robot(found, grouped=not rotorless)
     if built.standard.reason:
-        library = prepare_library(found.robot)
         costs = identified.measure_costs(built.standard, found, library, limit)
         if rotorless and (not costs or any(entry.percent > entry.limit for entry in costs)):
             built = identified.build_robot(found)
@@ -174,7 +202,7 @@ def write_identified(
     outcome, notices = built.standard.outcome.name.lower(), identified.list_warnings(built, found, source)
     named = replace(found, robot=robot, sources=sources)
     stored = _write_file(named, path, outcome, precision, notices, source)
-    return replace(stored, missing=found.missing, standard=built.standard, costs=costs)
+    return replace(stored, missing=found.missing, standard=built.standard, costs=costs, scales=scales)
 
 
 def locate_source(robot: robots.Robot) -> Path:

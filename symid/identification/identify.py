@@ -199,8 +199,21 @@ def _identify_rigid(
             "--method stiffness uses both"
         )
         warnings += (Notice(code="identify.second-encoder", text=text),)
-    notices = (*warnings, *library.notices, *estimate.notices)
+    notices = (*warnings, *library.notices, *estimate.notices, *_compare_with_file(library, rigid, estimate))
     return Identification(estimate=estimate, notices=notices, backend=library.backend)
+
+
+def _compare_with_file(
+    library: Library, robot: Robot, estimate: Estimate | elastics.ElasticEstimate
+) -> tuple[Notice, ...]:
+    """Return the warning on torques of another size than the robot file's values give."""
+    refused = {name for name, _ in estimate.refused}
+    known = {entry.name: entry.value for entry in estimate.parameters if entry.name not in refused}
+    places = [k for k, entry in enumerate(estimate.parameters) if entry.name in known]
+    table = [[estimate.covariance[k][j] for j in places] for k in places if estimate.covariance]
+    motion = estimate.motion if isinstance(estimate, Estimate) else ()
+    scales = rigids.compare_fit_scales(library, robot, [*known], [*known.values()], table, motion)
+    return rigids.describe_scales(scales, robot.path, "identify.scale")
 
 
 def prepare_elastic_methods(
@@ -246,7 +259,7 @@ def prepare_elastic_methods(
         estimate = replace(estimate, drawn=robot.made_from is not None)
         return Identification(
             estimate=estimate,
-            notices=(*ready.notices, *estimate.notices),
+            notices=(*ready.notices, *estimate.notices, *_compare_with_file(ready.library, robot, estimate)),
             backend=ready.library.backend,
             alignment=ready.alignment,
         )

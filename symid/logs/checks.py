@@ -39,7 +39,7 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
         found += _check_position(recording.position[:, index], joint)
         torque = recording.torque[:, index]
         peak, most = summary.peak, joint.limits.torque
-        if np.ptp(torque) == 0.0:
+        if np.ptp(torque) == 0.0 and joint.actuated:
             text = f"the torque of joint {joint.name!r} is {torque[0]:.4g} throughout"
             found.append(("log.constant-torque", text))
         elif most is not None and peak > most * (1.0 + 1e-6):

@@ -275,6 +275,10 @@ def extract_quantity(
         if name in OPTIONAL_CHANNELS and not free:
             return None, ()
         numbers = _list_numbers(names)
+        if name in _TORQUES and len(numbers) == len(robot.driven) < robot.freedom:
+            # Numbers of joints with a motor: filled up where they are those.
+            own = [place + 1 for place in robot.driven]
+            numbers = list(range(1, robot.freedom + 1)) if numbers == own else numbers
         first = [] if robot.log.position else _list_numbers(choose_default_names(raw, "position"))
         text = ""
         if numbers and (numbers[0] > 1 or numbers != list(range(numbers[0], numbers[0] + len(numbers)))):
@@ -299,6 +303,11 @@ def extract_quantity(
             return None, names
         findings.remark("log.transposed", f"{name}: {join_names(names)} has a row a joint and was transposed")
         array = array.T
+    if name in _TORQUES and array.shape[1] == len(robot.driven) < robot.freedom:
+        # Joints without a motor need no column.
+        whole = np.zeros((len(array), robot.freedom))
+        whole[:, list(robot.driven)] = array
+        array = whole
     array = np.tile(array, (1, robot.freedom)) if name == "temperature" and array.shape[1] == 1 else array
     if array.shape[1] != robot.freedom:
         text = f"{name} has {array.shape[1]} columns ({join_names(names)}), the robot {robot.freedom} joints"
@@ -320,7 +329,20 @@ def extract_quantity(
         rows = np.array(matrix)
         turned = values @ rows if name in _TORQUES else np.linalg.solve(rows, values.T).T
         values = np.ascontiguousarray(turned)
-    return (values + offset if offset.any() else values), names
+    values = values + offset if offset.any() else values
+    return (_clear_passive(values, robot, name, findings) if name == "torque" else values), names
+
+
+def _clear_passive(values: FloatArray, robot: Robot, name: str, findings: Findings) -> FloatArray:
+    """Return torques (N, n) that are 0 where a joint has no motor; a remark where the log has others."""
+    passive = list(robot.passive)
+    logged = [robot.axes[k].name for k in passive if values[:, k].any()]
+    if logged:
+        text = (
+            f"{name}: {join_names(logged)} have no motor (actuated = false), what the log has of them is not"
+        )
+        findings.remark("log.no-motor", f"{text} used: their torque is 0")
+    return np.where(np.isin(np.arange(values.shape[1]), passive), 0.0, values)
 
 
 def choose_default_names(raw: RawLog, name: str) -> tuple[str, ...]:

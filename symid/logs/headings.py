@@ -305,24 +305,39 @@ def build_quantity(
             return LogQuantity(columns=names, unit=units[0])
         return LogQuantity(columns=names, unit="SI", factor=tuple(get_unit_factor(unit)[1] for unit in units))
     # Currents become torques by torque constants and gears.
-    lacking = [joint.name for joint in joints if joint.drive.torque_constant is None]
+    lacking = describe_lacking(joints)
     if not alike:
         text = f"{quantity}: {join_names(names)} are in different units: {', '.join(units)}"
         findings.refuse("new.mixed-units", f"{text}; log all of them in one, or as torques")
     if lacking:
-        text = f"{quantity}: {join_names(names)} are motor currents, and no torque constant is known of"
-        findings.refuse("new.torque-constant", f"{text} {join_names(lacking)}: {ask_constants(joints)}")
+        text = f"{quantity}: {join_names(names)} are motor currents, and {lacking}"
+        findings.refuse("new.torque-constant", f"{text}: {ask_constants(joints)}")
     if lacking or not alike:
         return None
     factor = compute_current_factor(joints, coupled=False) or (1.0,)
     return LogQuantity(columns=names, unit=units[0], factor=factor)
 
 
+def describe_lacking(joints: Sequence[Joint], *, geared: bool = True) -> str:
+    """Return what drives lack that makes currents torques of joints, or of motors if not `geared`."""
+    drives = [(joint.name, joint.drive) for joint in joints if joint.actuated]
+    lacking = {
+        "torque constant": [name for name, drive in drives if drive.torque_constant is None],
+        "gear": [name for name, drive in drives if geared and not drive.gear_stated],
+    }
+    return " and ".join(
+        f"no {what} is stated of {join_names(names)}" for what, names in lacking.items() if names
+    )
+
+
 def ask_constants(joints: Sequence[Joint]) -> str:
     """Return what to give so that currents become torques."""
     listed = ",".join(f"K{number}" for number in range(1, len(joints) + 1))
     names = join_names(joint.name for joint in joints)
-    return f"give --torque-constant {listed} (N m/A at the motor, of {names}), and --gear if it is not stated"
+    return (
+        f"give --torque-constant {listed} (N m/A at the motor, of {names}), and --gear N,... (motor turns "
+        "per joint turn; --gear 1: direct drives), those of them that are not stated"
+    )
 
 
 Names = Mapping[str, tuple[str, ...]]

@@ -145,9 +145,6 @@ def recognise_columns(
     # What is assumed of gears and sides.
     current = torque is not None and get_unit_factor(torque.unit)[0] == "current"
     plain = tuple(joint.name for joint in robot.axes if joint.drive.gear == 1)
-    if current and plain:
-        text = f"currents: gear ratio 1 (direct drive) is assumed for {join_names(plain)}"
-        findings.remark("new.assumed-gear", f"{text}; give --gear RATIO,... where there are gears")
     if len(plain) < robot.freedom:
         what = "positions" if current else "positions and torques"
         text = f"{what} are assumed to be on the joint side of the gears"
@@ -254,14 +251,11 @@ def apply_preset(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog,
             text = f"{name}: preset {preset!r} needs {wanted} ... of every joint, which the log lacks"
             findings.refuse("log.preset", f"{text}; name the columns in [log.{name}]")
         elif name == "torque" and preset == "ur-rtde":
-            lacking = [joint.name for joint in robot.axes if joint.drive.torque_constant is None]
-            if lacking:
-                text = (
-                    f"torque: {names[0]!r} ... are motor currents, but joint {lacking[0]!r} has no "
-                    "torque_constant (N m/A) in its drive; add it, and the gear ratio"
-                )
-                findings.refuse("log.no-torque-constant", text)
             coupled = robot.log.transmission is not None
+            if lacking := headings.describe_lacking(robot.axes, geared=not coupled):
+                text = f"torque: {names[0]!r} ... are motor currents, and {lacking}"
+                remedy = "add torque_constant (N m/A) and gear to [joint.drive] (gear = 1: direct drive)"
+                findings.refuse("log.no-torque-constant", f"{text}; {remedy}")
             factor = compute_current_factor(robot.axes, coupled=coupled)
             side = "motor" if coupled else "joint"
             found[name] = LogQuantity(columns=names, unit="A", factor=factor or (1.0,), side=side)

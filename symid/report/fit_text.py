@@ -155,8 +155,10 @@ def _show_parameters(
 def show_residual(residual: Sequence["estimators.Residual"], title: str = "") -> Table:
     """Return the table of residuals."""
     rows = [
-        (entry.joint, entry.norm, f"{entry.relative_percent:.4f}", entry.std, entry.unit, entry.samples)
+        # A joint without a motor has no torque that a residual could be a part of.
+        (entry.joint, entry.norm, f"{share:.4f}" if math.isfinite(share) else "", entry.std, *rest)
         for entry in residual
+        for share, *rest in ((entry.relative_percent, entry.unit, entry.samples),)
     ]
     return Table(("joint", "norm", "relative/%", "std", "unit", "samples"), rows, (0, 4), title)
 

@@ -280,6 +280,9 @@ def show_export(found: "FileExport") -> tuple[Block, ...]:
     if found.costs:
         parts = (f"{entry.joint} {entry.percent:.2g} %" for entry in found.costs)
         lines.append(f"torque that these bodies add to the residual: {', '.join(parts)}")
+    if found.scales:
+        parts = (f"{entry.joint} {entry.ratio:.3g}" for entry in found.scales)
+        lines.append(f"torque, identified / robot file: {', '.join(parts)}")
     if found.friction is not None:
         laws = found.friction.laws
         pairs = ((joint, laws[joint], entry.law) for joint, entry in found.friction.values.items())
@@ -306,6 +309,7 @@ def describe_export(found: "FileExport") -> dict[str, object]:
         "largest_change": max(map(abs, found.standard.residual.tolist()), default=0.0),
         "blamed": found.standard.blamed,
         "not_identified": found.missing,
+        "torque_ratio": {entry.joint: entry.ratio for entry in found.scales},
         "cost_percent": {entry.joint: entry.percent for entry in found.costs},
     }
     head = {"file": str(found.file), "format": found.format, "robot": found.robot.name}

@@ -36,6 +36,7 @@ from symid.identification.estimators import (
     ParameterEstimate,
     Residual,
     Validation,
+    list_shares,
 )
 from symid.identification.friction import FrictionIdentification
 from symid.identification.judge import POLICY
@@ -131,7 +132,7 @@ def _find_lost(residual: Sequence[Residual], logs: str) -> Caps:
     A joint counts 100 % at most: one whose torque is all noise makes no fit of many joints wrong, nor does
     one with little torque beside others of the same unit.
     """
-    shares = [entry.relative_percent for entry in residual]
+    shares = list_shares(residual)
     if not shares or not sum(min(100.0, share) for share in shares) > POLICY.lost * len(shares):
         return []
     if len({entry.unit for entry in residual}) == 1 and all(0.0 < share < math.inf for share in shares):
@@ -180,6 +181,10 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
         for entry in evidence.tests
         if entry.what == "gravity" and entry.verdict == _DIFFERENT
     ]
+    off = [f"{entry.joint} {entry.part}" for entry in evidence.tests if entry.what == "scale"]
+    if off:
+        text = f"torques have another size than the robot file's values give: {', '.join(off)}"
+        caps.append(("doubtful", f"{text}; check unit, gear and torque constant, or these values"))
     if evidence.impossible:
         bounded = min(_rate(evidence.bounded), "usable", key=LEVELS.index)
         text = f"{'; '.join(evidence.impossible)}; bodies that exist leave {evidence.bounded:.3g} %"

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
         SourceFile as SourceFile,
         Spring as Spring,
         SymbolicInertia as SymbolicInertia,
+        refuse_passive_joints as refuse_passive_joints,
     )
     from symid.robot.geometry import (
         IDENTITY as IDENTITY,

@@ -24,7 +24,7 @@ from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from fractions import Fraction
 
-from symid.errors import Notice, RobotError
+from symid.errors import Notice, RobotError, UsageError
 from symid.joint_models import Elasticity, FrictionValues
 from symid.robot.geometry import IDENTITY, ZERO, Exact, Placement
 
@@ -187,13 +187,20 @@ class Drive:
     """A drive: `gear` motor turns per joint turn, `rotor_inertia` on the *joint* side (kg m^2).
 
     The reader multiplies a motor-side inertia by gear^2. `torque_constant` is in N m/A on the motor side. A
-    joint with a rotor, of known inertia or not, has a parameter IA.
+    joint with a rotor, of known inertia or not, has a parameter IA. `direct` says that a gear of 1 is stated,
+    which currents need to become torques; it does not count otherwise.
     """
 
     gear: float = 1.0
     has_rotor: bool = False
     rotor_inertia: float | None = None
     torque_constant: float | None = None
+    direct: bool = False
+
+    @property
+    def gear_stated(self) -> bool:
+        """Return whether the gear is stated, not taken as 1 for want of a statement."""
+        return self.direct or self.gear != 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -270,7 +277,8 @@ class Joint:
 
     `parent` is the index of the joint before it, -1 for the base, always less than its own index. `inertial`
     holds XX XY XZ YY YZ ZZ MX MY MZ M about the link frame's origin, where known, `form` the link's values in
-    symbols. `frame` is the link's frame of the file, seen from the link frame used here.
+    symbols. `frame` is the link's frame of the file, seen from the link frame used here. A joint that is not
+    `actuated` has no motor: nothing but its friction and spring acts on it.
     """
 
     name: str
@@ -286,6 +294,7 @@ class Joint:
     elasticity: Elasticity | None = None
     frame: Placement = IDENTITY
     form: SymbolicInertia | None = None
+    actuated: bool = True
 
     @property
     def prismatic(self) -> bool:
@@ -374,6 +383,8 @@ class Robot:
                 wrong.append(f"{owner}: it must follow a joint that follows no other")
             if follow and not follow.multiplier:
                 wrong.append(f"{owner}: a multiplier of 0 makes it a fixed joint")
+            if not joint.actuated and (follow or joint.elasticity):
+                wrong.append(f"{owner}: a joint without a motor follows no other one, and is not elastic")
         names = [coupling.name for coupling in self.couplings]
         for coupling in self.couplings:
             owner, terms = f"coupling {coupling.name!r}", coupling.terms
@@ -422,6 +433,16 @@ class Robot:
         return tuple(joint.elasticity is not None for joint in self.axes)
 
     @property
+    def driven(self) -> tuple[int, ...]:
+        """Return the positions of the coordinates whose joints have a motor."""
+        return tuple(position for position, joint in enumerate(self.axes) if joint.actuated)
+
+    @property
+    def passive(self) -> tuple[int, ...]:
+        """Return the positions of the coordinates whose joints have no motor."""
+        return tuple(position for position, joint in enumerate(self.axes) if not joint.actuated)
+
+    @property
     def transmission(self) -> tuple[tuple[tuple[int, Fraction], ...], ...]:
         """Return, for each joint and then each coupling, its speed as (position of coordinate, factor)."""
         positions = {index: position for position, index in enumerate(self.coordinates)}
@@ -436,3 +457,11 @@ class Robot:
                 total[position] = total.get(position, Fraction(0)) + factor * multiplier
             rows.append(tuple(sorted((position, factor) for position, factor in total.items() if factor)))
         return tuple(rows)
+
+
+def refuse_passive_joints(robot: Robot, why: str) -> None:
+    """Refuse, by a UsageError that says `why`, a robot some of whose joints have no motor."""
+    names = ", ".join(robot.axes[position].name for position in robot.passive)
+    if names:
+        text = f"robot {robot.name!r} has joints without a motor ({names}, actuated = false): {why}"
+        raise UsageError(Notice(code="usage.passive-joint", text=text, file=robot.path))

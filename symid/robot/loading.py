@@ -246,6 +246,7 @@ def complete_robot(
         drives[joint.name] = replace(
             drive,
             gear=drive.gear if gear is None else gear,
+            direct=drive.direct if gear is None else gear == 1.0,
             torque_constant=drive.torque_constant if constant is None else constant,
             has_rotor=drive.has_rotor or rotors,
         )

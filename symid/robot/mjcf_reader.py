@@ -663,6 +663,7 @@ def _read_tendons(reading: urdf_parts.TreeReading) -> None:
 def _read_actuators(reading: urdf_parts.TreeReading) -> None:
     """Add gears, and limits of the torque where the joint itself has none."""
     found: dict[str, list[tuple[urdf_parts.XmlPart, float]]] = {}
+    direct: set[str] = set()
     for element in _list_entries(reading, "actuator"):
         own = reading.enter(element, f"actuator '{element.attributes.get('name', '')}'", "actuator")
         key = "joint" if "joint" in element.attributes else "jointinparent"
@@ -689,6 +690,7 @@ def _read_actuators(reading: urdf_parts.TreeReading) -> None:
             text += "forces are torques of the drives, as in a log, not friction; of joints {}"
             kind = " ".join((f"'{joint}': <{own.element.tag}>", *gains))
             reading.group("robot.mjcf-controller", text, kind, element)
+        direct |= {joint} if gears and gear == 1.0 else set()
     for joint, entries in found.items():
         own, gear = entries[0]
         for other, second in entries[1:]:
@@ -706,4 +708,5 @@ def _read_actuators(reading: urdf_parts.TreeReading) -> None:
             ]
             sizes = [min(-pair[0], pair[1]) * abs(gear) for pair in forces if pair and pair[0] < 0 < pair[1]]
             limits = replace(limits, torque=min(sizes, default=None))
-        reading.joints[joint] = replace(entry, drive=replace(entry.drive, gear=gear), limits=limits)
+        drive = replace(entry.drive, gear=gear, direct=gear == 1.0 and joint in direct)
+        reading.joints[joint] = replace(entry, drive=drive, limits=limits)

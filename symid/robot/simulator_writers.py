@@ -189,15 +189,17 @@ def write_urdf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
         lines.append("  </joint>")
     for joint in robot.joints:
         drive = joint.drive
-        if drive.gear == 1.0 and not drive.has_rotor:
+        if not drive.gear_stated and not drive.has_rotor:
             continue
         lines += [
             f"  <transmission name={_write_quoted(f'{joint.name}_transmission')}>",
             "    <type>transmission_interface/SimpleTransmission</type>",
             f"    <joint name={_write_quoted(joint.name)}/>",
             f"    <actuator name={_write_quoted(f'{joint.name}_motor')}>",
-            f"      <mechanicalReduction>{write_decimal(drive.gear)}</mechanicalReduction>",
         ]
+        if drive.gear_stated:
+            reduction = write_decimal(drive.gear)
+            lines.append(f"      <mechanicalReduction>{reduction}</mechanicalReduction>")
         if drive.rotor_inertia is not None:
             # On the motor side, as URDFs have it.
             inertia = write_decimal(drive.rotor_inertia / drive.gear**2)
@@ -215,6 +217,8 @@ def list_urdf_omissions(robot: Robot, *, gravity: bool = True) -> Iterator[str]:
     if gravity and down != (0.0, 0.0, -9.81):
         yield f"gravity of the model: {write_decimals(down)} m/s^2 in the frame of the link {BASE}"
     for joint in robot.joints:
+        if not joint.actuated:
+            yield f"joint {joint.name}: it has no motor"
         yield from list_friction_omissions(f"joint {joint.name}", joint.friction)
         if joint.drive.rotor_inertia:
             text = f"joint {joint.name}: rotor inertia {joint.drive.rotor_inertia} on the joint's side"
@@ -271,14 +275,16 @@ def write_mjcf(robot: Robot, *, comments: Sequence[str] = ()) -> str:
             tendons.append(f'      <joint joint={names[index]} coef="{write_decimal(float(factor))}"/>')
         tendons.append("    </fixed>")
     for name, joint in zip(names, robot.joints, strict=True):
+        if not joint.actuated:
+            continue
         if joint.mimic is None:
-            motor, gear = _write_quoted(f"{joint.name}_motor"), write_decimal(joint.drive.gear)
-            limit = ""
+            motor, drive, limit = _write_quoted(f"{joint.name}_motor"), joint.drive, ""
+            gear = f' gear="{write_decimal(drive.gear)}"' if drive.gear_stated else ""
             if (torque := joint.limits.torque) is not None and find_bristles(joint.friction):
                 # A limit of the joint would count its bristles as well, which are an actuator.
-                force = torque / abs(joint.drive.gear)
+                force = torque / abs(drive.gear)
                 limit = f' forcerange="{write_decimals((-force, force))}"'
-            motors.append(f'    <motor name={motor} joint={name} gear="{gear}"{limit}/>')
+            motors.append(f"    <motor name={motor} joint={name}{gear}{limit}/>")
         else:
             pair = f"joint1={name} joint2={names[joint.mimic.master]}"
             multiple = write_decimal(float(joint.mimic.multiplier))

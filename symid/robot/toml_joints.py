@@ -47,7 +47,7 @@ Written = dict[str, tuple[float | tuple[float, ...], str]]
 _CATALOGUE = ("K1", "K2", "K3", "T1", "T2")
 _Number = tuple[str, str, str, Range, str]
 """Key, example, unit and range of a number, and the word that may stand in its place."""
-MOVING_KEYS = ("drive", "friction", "spring", "elasticity", "limits")
+MOVING_KEYS = ("actuated", "drive", "friction", "spring", "elasticity", "limits")
 _NAMES = {
     "bouc_wen": "bouc-wen",
     "attracted": "attracted-maxwell-slip",
@@ -554,6 +554,7 @@ def complete_joint(section: Section, joint: Joint, *, fixed: bool) -> Joint:
             has_rotor=has_rotor,
             rotor_inertia=None if inertia is None else inertia * (ratio**2 if side == "motor" else 1.0),
             torque_constant=table.read_float("torque_constant", "N*m/A"),
+            direct=gear == 1.0,
         )
     fastest, shared = limits.velocity or math.inf, "mimic" in section.values
     friction = _read_friction(section, fastest, shared=shared)
@@ -567,8 +568,14 @@ def complete_joint(section: Section, joint: Joint, *, fixed: bool) -> Joint:
         if stiffness is not None and stiffness < 0:
             text = f"{stiffness:g} pushes the joint away from rest; a spring's stiffness is positive"
             table.warn("robot.negative-stiffness", "stiffness", text)
-    elasticity = read_elasticity(section)
-    return replace(joint, drive=drive, friction=friction, limits=limits, spring=spring, elasticity=elasticity)
+    elasticity, actuated = read_elasticity(section), section.read_flag("actuated") is not False
+    if not actuated and (shared or elasticity is not None):
+        what = "follows another one" if shared else "is elastic, and a motor is at one end of its spring"
+        text = f"the joint {what}; leave this out"
+        section.refuse_key("robot.not-actuated", "actuated", text)
+        actuated = True
+    moves = replace(joint, drive=drive, friction=friction, limits=limits, spring=spring)
+    return replace(moves, elasticity=elasticity, actuated=actuated)
 
 
 def read_couplings(root: Section, names: Names, kinds: Sequence[JointKind | None]) -> tuple[Coupling, ...]:

@@ -132,6 +132,8 @@ def _read_quantity(table: Section, name: str, joints: Joints, *, coupled: bool) 
     if section is None:
         return None
     size = len(joints)
+    driven = sum(joint.actuated for joint in joints)
+    counts = (1, size, *([driven] if dimensions is JOINT_DIMENSIONS["torque"] else []))
     columns: tuple[str, ...] = ()
     remedy = 'write columns = ["q1", "q2"], one for each joint, or columns = ["q"], an array'
     if section.require("columns", remedy):
@@ -141,7 +143,7 @@ def _read_quantity(table: Section, name: str, joints: Joints, *, coupled: bool) 
             text = f"expected a list of texts, got {section.show('columns')}"
             section.refuse("robot.wrong-type", "columns", text)
             names = []
-        elif len(names) not in (1, size):
+        elif len(names) not in counts:
             text = f"{len(names)} columns for {size} joints; give one for each joint, or one array for all"
             section.refuse("robot.column-count", "columns", f"{text} of them")
         columns = tuple(names)
@@ -175,8 +177,15 @@ def _read_quantity(table: Section, name: str, joints: Joints, *, coupled: bool) 
             if factor is None:
                 text = f"{section.show('unit')} needs a factor that turns it into {natural}, "
                 text += "such as factor = 1.5"
-                text += ", or give every joint a drive with torque_constant" if is_current else ""
+                text += ", or give every joint a drive with torque_constant and gear" if is_current else ""
                 section.refuse("robot.missing-factor", "unit", text)
+    unstated = [joint.name for joint in joints if joint.actuated and not joint.drive.gear_stated]
+    if is_current and unstated and factor and not coupled and not (has_factor and side == "joint"):
+        text = (
+            f"{section.show('unit')}: currents become torques of joints by gears, and no gear is stated of "
+        )
+        text += f"{', '.join(unstated)}; write gear = N in [joint.drive] (gear = 1: direct drive)"
+        section.refuse("robot.missing-gear", "unit", text)
     if is_current and not has_factor:
         # Torque constants and gear ratios bring a current to the joint side, constants alone to the motor's.
         side = "motor" if coupled else "joint"
@@ -227,8 +236,12 @@ def compute_current_factor(joints: Joints, *, coupled: bool) -> tuple[float, ...
 
     None where a torque constant is unknown.
     """
-    drives = [joint.drive for joint in joints]
-    factor = tuple((1.0 if coupled else drive.gear) * (drive.torque_constant or 0.0) for drive in drives)
+    factor = tuple(
+        (1.0 if coupled else joint.drive.gear) * (joint.drive.torque_constant or 0.0)
+        if joint.actuated
+        else 1.0
+        for joint in joints
+    )
     return factor if all(factor) else None
 
 

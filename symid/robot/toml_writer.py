@@ -150,6 +150,8 @@ def _write_joint(robot: Robot, index: int, placed: dict[str, str], *, hints: boo
     yield f'kind = "{joint.kind.value}"'
     if joint.parent != index - 1:
         yield f"parent = {write_value(robot.joints[joint.parent].name if joint.parent >= 0 else BASE)}"
+    if not joint.actuated:
+        yield add_comment("actuated = false", "no motor")
     for key, text in placed.items():
         yield f"{key} = {text}" if index else add_comment(f"{key} = {text}", _PLACING[key])
     if joint.mimic:
@@ -159,7 +161,7 @@ def _write_joint(robot: Robot, index: int, placed: dict[str, str], *, hints: boo
     yield from _write_link(joint, dict(robot.symbols))
     drive = joint.drive
     yield from ("", "[joint.drive]") if drive != Drive() else ()
-    if drive.gear != 1:
+    if drive.gear_stated:
         yield f"gear = {write_number(drive.gear)}"
     if drive.has_rotor or drive.rotor_inertia is not None:
         yield f"rotor_inertia = {write_known(drive.rotor_inertia)}"
@@ -340,7 +342,7 @@ _HINTS = {
         ("", "inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }", "kg m^2, about the centre of mass"),
     ),
     "drive": (
-        ("gear", "gear = 100", "motor turns per turn of the joint (motor rad per m of a slide)"),
+        ("gear_stated", "gear = 100", "motor turns per turn of the joint (motor rad per m of a slide)"),
         ("has_rotor", "rotor_inertia = 1e-5", 'kg m^2, or "unknown": it is identified'),
         ("has_rotor", 'rotor_inertia_side = "motor"', 'or "joint"'),
         ("torque_constant", "torque_constant = 0.1", "N m/A, for logs of motor currents"),

@@ -692,7 +692,7 @@ def _read_drives(reading: TreeReading) -> None:
             continue
         gear = 1.0 if reduction is None else float(reduction)
         rotor = None if inertia is None else float(inertia) * gear**2
-        drive = Drive(gear=gear, has_rotor=bool(rotors), rotor_inertia=rotor)
+        drive = Drive(gear=gear, has_rotor=bool(rotors), rotor_inertia=rotor, direct=reduction == 1)
         reading.joints[name], lines[name] = replace(reading.joints[name], drive=drive), part.line
 
 

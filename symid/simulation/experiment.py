@@ -37,7 +37,7 @@ from symid.excitation import ReferenceMotion
 from symid.joint_models import NO_FRICTION
 from symid.logs import Recording
 from symid.options import SimulateOptions
-from symid.robot import Controller, Coupling, Joint, JointKind, Robot
+from symid.robot import Controller, Coupling, Joint, JointKind, Robot, refuse_passive_joints
 from symid.simulation import elastic_plant
 from symid.simulation.rigid_plant import (
     RigidPlant,
@@ -747,8 +747,9 @@ def check_stated_values(robot: Robot) -> None:
 
     Raises:
         RobotError: its file lacks values.
-        UsageError: only some of its joints are elastic.
+        UsageError: only some of its joints are elastic, or a joint has no motor.
     """
+    refuse_passive_joints(robot, "no controller makes them follow a trajectory")
     if any(robot.elastic):
         elastic_plant.refuse_rigid_joints(robot)
     lacking = [f"joint '{joint.name}': {gap}" for joint in robot.joints for gap in _list_gaps(joint)]

@@ -7,7 +7,7 @@ import symid
 from symid.logs.reader import read_recording
 from symid.robot.description import Drive, Processing
 from symid.robot.toml_reader import read_robot
-from tests.calls import ask, call, do, find_texts, list_codes, refuse
+from tests.calls import ask, call, do, list_codes, refuse
 
 TABLE = "joint,alpha,a,d,theta\nshoulder,0,0,0,q\nelbow_joint,0,0.5,0,q\nslide,0,0.3,q,0\n"
 SOURCE = ("--from-dh", "rows.csv", "--convention", "modified", "--gravity", "0,0,-9.81")
@@ -93,8 +93,12 @@ def test_currents_need_torque_constants(folder):
     assert find_only(answer)["code"] == "new.torque-constant"
     assert "give --torque-constant K1,K2,K3" in find_only(answer)["text"]
     assert not (folder / "arm.toml").exists()
-    answer = do(*order("--torque-constant", "0.1,0.2,0.05", "--gear", "1,1,400"))
-    assert "'shoulder', 'elbow_joint'; give --gear" in find_texts(answer, "new.assumed-gear")
+    code, answer = ask(*order("--torque-constant", "0.1,0.2,0.05"))
+    assert (code, find_only(answer)["code"]) == (3, "new.torque-constant")
+    assert "no gear is stated of 'shoulder', 'elbow_joint', 'slide': " in find_only(answer)["text"]
+    assert "--gear 1: direct drives" in find_only(answer)["text"]
+    do(*order("--torque-constant", "0.1,0.2,0.05", "--gear", "1,1,400"))
+    assert (folder / "arm.toml").read_text().count("\ngear = 1\n") == 2
     assert "factor" not in (folder / "arm.toml").read_text().partition("torque = {")[2]
     recording = read_recording(folder / "log.csv", read_robot(folder / "arm.toml"))
     np.testing.assert_allclose(recording.torque, values[:, 3:] * 1e-3 * [0.1, 0.2, 20.0], atol=1e-6)
@@ -249,7 +253,7 @@ def test_logs_of_known_programs_are_known(folder, preset):
         rows = [line.split(",") for line in text[1:]]
         text[1:] = [",".join((f"{float(row[0]) * scale:.0f}", *row[1:])) for row in rows]
         (folder / "log.csv").write_text("\n".join(text) + "\n")
-    constants = ("--torque-constant", "0.1,0.1,0.1") if preset == "ur-rtde" else ()
+    constants = ("--torque-constant", "0.1,0.1,0.1", "--gear", "1") if preset == "ur-rtde" else ()
     answer = do(*order(*constants))
     assert answer["result"]["log"]["preset"] == preset
     robot = read_robot(folder / "arm.toml")
@@ -330,7 +334,7 @@ def test_the_name_of_a_joint_is_no_unit(folder):
 
 def test_mixed_currents_are_refused(folder):
     write_log(folder, PLAIN.replace("tau0 [N m]", "tau0 [A]").replace("tau1 [N m]", "tau1 [mA]"))
-    assert refuse(*order("--torque-constant", "0.1")) == (3, ["new.mixed-units"])
+    assert refuse(*order("--torque-constant", "0.1", "--gear", "1")) == (3, ["new.mixed-units"])
 
 
 def test_a_urdf_reads_the_columns_that_a_new_file_would(folder, project):

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
         compute_mean_relative as compute_mean_relative,
         find_phases as find_phases,
         list_parameters as list_parameters,
+        list_shares as list_shares,
     )
     from symid.identification.estimators.instrumental import (
         InstrumentalSolution as InstrumentalSolution,

@@ -8,6 +8,7 @@ log -> `Validation`. What a joint does at a row is
     in motion     else
 """
 
+import math
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -140,8 +141,10 @@ class ConsistencyTest:
     """Whether two estimates from the same logs say the same of a joint's torque.
 
     Args:
-        what: "halves", "logs", "slow rows", "band", or "gravity" (its direction against the robot file's).
-        joint: its name; part: which log, where it is one of several, or by how much gravity is turned.
+        what: "halves", "logs", "slow rows", "band"; against the robot file "gravity" (its direction), and
+            "scale" of a joint, only where it differs.
+        joint: its name; part: which log, where it is one of several, how far gravity is turned, how many
+            times the torque is.
         verdict: "same", "different" or "cannot be said"; size: percent of the torque by which they differ
             beyond noise; bound: percent, at most; p: probability of so large a difference by chance.
     """
@@ -357,8 +360,15 @@ class Residual:
 
 
 def compute_mean_relative(residual: Sequence[Residual]) -> float:
-    """Return the plain mean over joints of the relative residuals, in percent."""
-    return sum(entry.relative_percent for entry in residual) / len(residual)
+    """Return the plain mean over joints of the relative residuals, in percent; see `list_shares`."""
+    shares = list_shares(residual)
+    return sum(shares) / len(shares)
+
+
+def list_shares(residual: Sequence[Residual]) -> list[float]:
+    """Return the relative residuals of the joints that have a torque; of all where none has."""
+    shares = [entry.relative_percent for entry in residual]
+    return [share for share in shares if math.isfinite(share)] or shares
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

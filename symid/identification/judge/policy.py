@@ -123,6 +123,12 @@ class Policy:
         "a value known to a third separates heavy from light",
         "a word in a table earlier or later",
     )
+    scale: float = _number(
+        3.0,
+        "times by which torques may differ from those of the robot file's values, either way",
+        "masses of a drawing are not wrong by this factor; gears, torque constants and units are",
+        "halved: drawings without covers and cables are accused; doubled: a slip of a small gear passes",
+    )
 
 
 POLICY = Policy()

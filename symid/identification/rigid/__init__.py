@@ -44,6 +44,11 @@ if TYPE_CHECKING:
         check_rigid_options as check_rigid_options,
         plan_fit as plan_fit,
     )
+    from symid.identification.rigid.scale import (
+        JointScale as JointScale,
+        compare_fit_scales as compare_fit_scales,
+        describe_scales as describe_scales,
+    )
     from symid.identification.rigid.validation import (
         Diagnosis as Diagnosis,
         diagnose_estimate as diagnose_estimate,

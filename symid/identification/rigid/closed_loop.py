@@ -46,7 +46,7 @@ from symid.identification.judge import POLICY, numerics
 from symid.identification.rigid.fit import build_estimate, identify_parameters
 from symid.identification.rigid.plan import INSTRUMENTAL
 from symid.logs import Recording, Signals
-from symid.robot import Controller, Processing, Robot, list_controller
+from symid.robot import Controller, Processing, Robot, list_controller, refuse_passive_joints
 from symid.simulation import RigidPlant, simulate_rigid_plant
 
 
@@ -606,6 +606,7 @@ def check_closed_loop(robot: Robot, recordings: Sequence[Recording]) -> Controll
             f"this estimator simulates rigid robots, and {robot.name!r} has elastic joints ({names}): use "
             "another estimator"
         )
+    refuse_passive_joints(robot, "this estimator simulates a controller of all joints: use another estimator")
     if robot.controller is None:
         texts.append(
             f"this estimator simulates the controller, and the file of {robot.name!r} states none: add "

@@ -28,6 +28,7 @@ from symid.codegen import Library
 from symid.identification import diagnostics, estimators, judge, regression
 from symid.identification.judge import POLICY, Agreement
 from symid.identification.regression import BlockFit, ThinMotion
+from symid.identification.rigid.scale import JointScale, compare_scales
 from symid.identification.rigid.settings_choice import SettingsStudy
 from symid.joint_models import is_braking
 from symid.robot import Robot
@@ -80,7 +81,29 @@ def collect_evidence(
         period=logs.repeats,
         covered=tuple(estimators.JointRange(*row) for row in zip(names, *ranges, strict=True)),
     )
-    return replace(found, causes=list_causes(library, study, motion, found, gravity, transmission))
+    causes = list_causes(library, study, motion, found, gravity, transmission)
+    scales = compare_fit(library, study, fit)
+    # No cause explains another scale: one factor on all torques leaves the residual as it is.
+    off = (build_scale_test(entry) for entry in scales if entry.is_beyond())
+    return replace(found, causes=causes, tests=(*tests, *off))
+
+
+def compare_fit(
+    library: Library, study: SettingsStudy, fit: estimators.RegressionFit
+) -> tuple[JointScale, ...]:
+    """Return the scales of a fit's torques against the robot file, in its logs."""
+    count, logs = len(library.card.beta), study.logs
+    covariance = fit.covariance[:count, :count]
+    return compare_scales(library.card, logs.columns[:, :, :count], fit.values[:count], covariance)
+
+
+def build_scale_test(found: JointScale) -> estimators.ConsistencyTest:
+    """Return the test of a joint whose torque has another scale than the robot file's values."""
+    part, size = f"{found.ratio:.3g} times", 100.0 * abs(found.ratio - 1.0)
+    verdict = Agreement.DIFFERENT.value
+    return estimators.ConsistencyTest(
+        what="scale", joint=found.joint, part=part, verdict=verdict, size=size, bound=size, p=0.0
+    )
 
 
 def build_gravity_test(found: diagnostics.GravityEstimate, *, better: bool) -> estimators.ConsistencyTest:

@@ -31,8 +31,9 @@ from symid.errors import IdentifiabilityError, LogError, Notice, UsageError
 from symid.identification import diagnostics, estimators, judge, regression
 from symid.identification.judge import POLICY, Agreement, numerics
 from symid.identification.regression import ThinMotion
-from symid.identification.rigid.evidence import collect_evidence
+from symid.identification.rigid.evidence import collect_evidence, compare_fit
 from symid.identification.rigid.plan import plan_fit
+from symid.identification.rigid.scale import describe_scales
 from symid.identification.rigid.settings_choice import SettingsStudy
 from symid.robot import JointKind, Processing, Robot
 from symid.serialization import name_key
@@ -72,10 +73,10 @@ def study_log(library: Library, recording: log_files.Recording, processing: Proc
     return StudiedLog(recording, study, study.logs.motion, study.logs.columns, moving)
 
 
-def judge_log(library: Library, log: StudiedLog, robot: Robot) -> estimators.Evidence:
-    """Return the evidence of a fit to one log with chosen settings, as an identification has it."""
+def build_fit(log: StudiedLog) -> estimators.RegressionFit:
+    """Return the fit to one log with chosen settings."""
     found = log.study.fit
-    fit = estimators.RegressionFit(
+    return estimators.RegressionFit(
         values=found.values,
         covariance=found.changes.T @ found.changes,
         residuals=np.empty(0),
@@ -83,7 +84,12 @@ def judge_log(library: Library, log: StudiedLog, robot: Robot) -> estimators.Evi
         condition=0.0,
         weights=found.weights,
     )
-    return collect_evidence(library, log.study, fit, robot=robot, transmission=log.recording.transmission)
+
+
+def judge_log(library: Library, log: StudiedLog, robot: Robot) -> estimators.Evidence:
+    """Return the evidence of a fit to one log with chosen settings, as an identification has it."""
+    turned = log.recording.transmission
+    return collect_evidence(library, log.study, build_fit(log), robot=robot, transmission=turned)
 
 
 _HEAVIEST, _LIGHTEST = 2e4, 1e-4
@@ -129,41 +135,6 @@ def estimate_signs(log: StudiedLog, library: Library, robot: Robot) -> tuple[Joi
         (inertia, friction), (inertia_std, friction_std) = shares.values[joint].tolist(), stds[joint].tolist()
         found.append(JointSigns(joint, inertia, inertia_std, friction, friction_std, mass))
     return tuple(found)
-
-
-_ALIKE = 0.9
-"""Correlation from which the torque of a joint is that of the robot file's masses, at some scale."""
-_SCALE = 3.0
-"""Masses of a drawing are not wrong by this factor."""
-
-
-def describe_scale(log: StudiedLog, library: Library, robot: Robot) -> tuple[Notice, ...]:
-    """Return a notice where torques follow the masses of the robot file, all of them at another scale."""
-    values, inertial = [entry.value for entry in library.card.beta], len(library.card.beta)
-    known = [value for value in values if value is not None]
-    if len(known) < len(values) or not any(known):
-        return ()
-    model = log.columns[:, :, :inertial] @ np.array(known)
-    scales: dict[int, float] = {}
-    for joint in log.moving:
-        kept = log.motion.kept[:, joint]
-        pair = np.column_stack([model[kept, joint], log.motion.tau[kept, joint]])
-        braking = np.column_stack([log.columns[kept, joint, inertial:], np.ones(len(pair))])
-        # Friction and an offset have no mass.
-        mine, torque = (pair - braking @ np.linalg.lstsq(braking, pair)[0]).T
-        sizes = float(np.linalg.norm(mine)), float(np.linalg.norm(torque))
-        alike = float(mine @ torque) > _ALIKE * sizes[0] * sizes[1]
-        if alike and sizes[0] > numerics.EXACT * np.linalg.norm(model):
-            scales[joint] = sizes[1] / sizes[0]
-    if not scales or not all(scale > _SCALE or scale < 1.0 / _SCALE for scale in scales.values()):
-        return ()
-    listed = ", ".join(f"{robot.axes[joint].name!r} {scale:.3g}" for joint, scale in scales.items())
-    text = (
-        f"the torques are in proportion to those that the masses of the robot file need, but of another size "
-        f"({listed} times): they may be motor currents, percent, or of the motor side, or these masses are "
-        "wrong; state unit and side in [log.torque], or give `symid new --log` --units torque=A"
-    )
-    return (Notice(code="log.effort-size", text=text, file=log.recording.source),)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -267,7 +238,7 @@ def check_channels(log: StudiedLog, library: Library, robot: Robot) -> LogCheck:
         notices += (Notice(code="log.torque-size", text=text, file=file),)
     # Also beside others: a URDF without friction, whose efforts are currents.
     if not {"log.torque-size", "log.wrong-unit"} & {notice.code for notice in notices}:
-        notices += describe_scale(log, library, robot)
+        notices += describe_scales(compare_fit(library, log.study, build_fit(log)), file, "log.effort-size")
     delay: TorqueDelay | None = None
     if not notices:
         delay = estimate_torque_delay(log)

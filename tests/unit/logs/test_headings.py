@@ -31,7 +31,7 @@ class Case:
     Args:
         columns: `=` marks those of position and torque that are read.
         result: what the page says; it begins with "read" or "refused".
-        code: of the refusal; step: of time, in its unit; constant: N m/A of each motor.
+        code: of the refusal; step: of time, in its unit; constant: N m/A of each motor; direct: no gears.
     """
 
     program: str
@@ -44,6 +44,7 @@ class Case:
     own: str = ""
     step: float = 0.01
     constant: float | None = None
+    direct: bool = False
 
     def spread(self, pattern):
         """Return the columns of a pattern."""
@@ -71,7 +72,9 @@ numbers that begin with 0, one too many | t [s], q_# [rad], tau_J_# [N m] | ARMS
     | refused: `tau_J_1` is the first or the second joint | code=new.ambiguous-column | count=4
 numbers that begin with 0 | t [s], =q_# [rad], =tau_J_# [N m] | ARMS | read, in the order of the joints
 UR, RTDE | timestamp, target_q_#, =actual_q_#, actual_qd_#, =actual_current_#, target_moment_# | UR\
-    | read, currents in A | constant=0.1
+    | read, currents in A | constant=0.1 | direct=1
+UR, RTDE | timestamp, =actual_q_#, =actual_current_# | UR\
+    | refused: no gears | code=new.torque-constant | constant=0.1
 UR, RTDE | timestamp, actual_q_#, actual_current_# | UR\
     | refused: no torque constants | code=new.torque-constant
 UR, RTDE | timestamp, actual_q_#, target_moment_# | UR\
@@ -114,7 +117,7 @@ symid, some joints with numbers | t, =q#, =tau# | base, joint1, joint2\
     | read, in the order of the joints | first=1
 symid, joints from 0 on | t, =q#, =tau# | joint0, joint1, joint2 | read, in the order of the joints | first=1
 """
-KINDS = {"first": int, "count": int, "step": float, "constant": float}
+KINDS = {"first": int, "count": int, "step": float, "constant": float, "direct": bool}
 
 
 def read_cases():
@@ -143,7 +146,7 @@ def build(case):
             kind=JointKind.REVOLUTE,
             parent=index - 1,
             placement=IDENTITY,
-            drive=Drive(torque_constant=case.constant),
+            drive=Drive(torque_constant=case.constant, direct=case.direct),
         )
         for index, name in enumerate(case.joints.split(", "))
     )

@@ -47,7 +47,11 @@ def test_currents_by_torque_constants(make_robot, columns, write):
     np.testing.assert_allclose(recording.torque, columns["tau"] * [0.12, 0.1] @ np.array(matrix))
     np.testing.assert_array_equal(recording.position, columns["q"])
     found = refuse(LogError, read_recording, write("ur-rtde"), preset(make_robot(), "ur-rtde"))
-    assert "'joint1' has no torque_constant" in found["log.no-torque-constant"]
+    assert "no torque constant is stated of 'joint1', 'joint2'" in found["log.no-torque-constant"]
+    found = refuse(
+        LogError, read_recording, write("ur-rtde"), preset(make_robot(constants=(1.0, 1.0)), "ur-rtde")
+    )
+    assert "no gear is stated of 'joint1', 'joint2'" in found["log.no-torque-constant"]
 
 
 def test_what_the_table_states_comes_first_and_what_lacks_is_said(make_robot, columns, write):

@@ -55,8 +55,8 @@ d = "L1"
     )
     assert lines[3] == (
         "arm.toml:6:1: joint 'shoulder': alfa: no such key here; did you mean alpha? "
-        "allowed are name, kind, parent, alpha, a, d, theta, origin, frame, mimic, link, drive, friction, "
-        "spring, elasticity, limits"
+        "allowed are name, kind, parent, alpha, a, d, theta, origin, frame, mimic, link, actuated, drive, "
+        "friction, spring, elasticity, limits"
     )
     assert lines[4] == (
         "arm.toml:9:19: joint 'shoulder': rotor_inertia: "
@@ -117,6 +117,7 @@ IN_JOINT = [
     (UNIT, '[log]\nposition = { columns = ["q"], unit = ^"rad/s" }', "expected a unit of angle"),
     ("robot.missing-factor", TORQUE + '["u"], unit = ^"V" }', "needs a factor that turns it into N m"),
     ("robot.missing-factor", TORQUE + '["u"], unit = ^"A" }', "torque_constant"),
+    ("robot.missing-gear", TORQUE + '["u"], unit = ^"A", factor = 2, side = "motor" }', "gear = 1: direct"),
     ("robot.column-count", TORQUE + '^["a", "b"], unit = "N m" }', "2 columns for 1 joints"),
     ("robot.column-count", TORQUE + '["a"], unit = "N m", factor = ^[1, 2] }', "2 factors for 1 joints"),
     ("robot.transmission-shape", "[log]\ntransmission = ^[[1, 2]]", "expected 1 rows of 1 numbers"),
@@ -139,6 +140,7 @@ IN_JOINT = [
     (FIXED, '[[joint]]\nkind = "fixed"\n^mimic = { joint = "shoulder" }', "mimic: "),
     (FIXED, 'mimic = { joint = ^"plate" }\n[[joint]]\nname = "plate"\nkind = "fixed"', '"plate" is fixed'),
     ("robot.fixed-joint", '[[joint]]\nkind = "fixed"\n^friction = { model = "none" }', "friction: a fixed"),
+    ("robot.not-actuated", "elasticity = { stiffness = 9 }\n^actuated = false", "leave this out"),
     ("robot.mixed-placement", "^d = 0.1\norigin = { xyz = [0, 0, 1] }", "together with origin"),
     ("robot.wrong-type", "origin = { xyz = ^[0, 1] }", "3 lengths in m, got a list of 2"),
     ("robot.wrong-type", 'origin = { rpy = ^"pi" }', '3 angles, got "pi"'),

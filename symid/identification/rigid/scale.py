@@ -1,0 +1,119 @@
+"""The scale of identified torques, against the values that the robot file has, joint by joint.
+
+Values and covariance of base parameters, states -> `JointScale` of every joint that can be compared.
+
+    r = rms(t) / rms(t'),    t = Y b, t' = Y b' over the base parameters whose value the file knows (b')
+    s = t' t / t' t', its deviation from the covariance of b
+
+Units, gears and torque constants scale all values alike, and no residual of a fit shows it: only the masses
+of the robot file do. Parameters that the file leaves open, as those of rotors and friction, do not count.
+
+Supported: robots any of whose base parameters is known.
+Not supported: joints whose torque has no known part, as a vertical axis with a rotor.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from symid.arrays import FloatArray
+from symid.codegen import Library, ModelCard
+from symid.errors import Notice
+from symid.identification.judge import POLICY, numerics
+from symid.robot import JointKind, Robot
+
+_POSES = 200
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class JointScale:
+    """How many times the torque of a joint is that of the robot file's values.
+
+    `ratio` of rms, `aligned` the part of it that is in proportion, with its standard deviation `std`.
+    """
+
+    joint: str
+    ratio: float
+    aligned: float
+    std: float
+
+    def is_beyond(self, limit: float = POLICY.scale) -> bool:
+        """Return whether the torque surely is more than `limit` times as large or small."""
+        spread = POLICY.printed * self.std
+        return abs(self.aligned) - spread > limit or (self.ratio + spread) * limit < 1.0
+
+
+def compare_scales(
+    card: ModelCard, columns: FloatArray, values: FloatArray, covariance: FloatArray
+) -> tuple[JointScale, ...]:
+    """Return the scales of the joints whose torque has a known part.
+
+    `columns` (t, n, b) of base parameters; their `values` (b,), NaN where not identified, with `covariance`.
+    """
+    file = np.array([np.nan if entry.value is None else entry.value for entry in card.beta])
+    known = np.isfinite(file) & np.isfinite(values)
+    whole = columns @ np.nan_to_num(values)
+    mine, theirs = (columns[:, :, known] @ entry[known] for entry in (values, file))
+    found = []
+    for joint, entry in enumerate(card.joints):
+        t, other = mine[:, joint], theirs[:, joint]
+        sizes = [float(np.linalg.norm(part)) for part in (t, other, whole[:, joint])]
+        # A known part that is nothing beside the torque of rotors and unknown links tells of no scale.
+        if (
+            sizes[1] <= numerics.EXACT * np.linalg.norm(theirs)
+            or max(sizes[:2]) < POLICY.relevance * sizes[2]
+        ):
+            continue
+        slope = columns[:, joint, known].T @ other / sizes[1] ** 2
+        spread = float(np.sqrt(max(slope @ covariance[np.ix_(known, known)] @ slope, 0.0)))
+        aligned = float(other @ t) / sizes[1] ** 2
+        found.append(JointScale(joint=entry.name, ratio=sizes[0] / sizes[1], aligned=aligned, std=spread))
+    return tuple(found)
+
+
+def compare_fit_scales(  # noqa: PLR0917 - a fit, its states and its robot
+    library: Library,
+    robot: Robot,
+    names: Sequence[str],
+    values: Sequence[float],
+    covariance: Sequence[Sequence[float]],
+    motion: Sequence[Sequence[float]],
+) -> tuple[JointScale, ...]:
+    """Return the scales of a fit, at the states of its logs (t, 3 n), or at random ones where it has none."""
+    card = library.card
+    places = {entry.name: k for k, entry in enumerate(card.beta)}
+    own = [(places[name], k) for k, name in enumerate(names) if name in places]
+    found, spreads = np.full(len(places), np.nan), np.zeros((len(places), len(places)))
+    for place, k in own:
+        found[place] = values[k]
+        for other, j in own if covariance else ():
+            spreads[place, other] = covariance[k][j]
+    states = (
+        np.array(motion).reshape(len(motion), 3, -1).transpose(1, 0, 2) if motion else _draw_states(robot)
+    )
+    (columns,) = library.evaluate("torque_regressor", *states)
+    return compare_scales(card, columns, found, spreads)
+
+
+def _draw_states(robot: Robot) -> FloatArray:
+    """Return q within the limits or a turn, dq and ddq (3, t, n) of the same random motion each time."""
+    draw, plain = np.random.default_rng(1), {JointKind.PRISMATIC: 1.0}
+    spans = [joint.limits.position or (-(a := plain.get(joint.kind, np.pi)), a) for joint in robot.axes]
+    low, high = np.array(spans).T
+    q = draw.uniform(low, high, (_POSES, len(spans)))
+    return np.stack([q, *draw.standard_normal((2, _POSES, len(spans)))])
+
+
+def describe_scales(scales: Sequence[JointScale], file: str, code: str) -> tuple[Notice, ...]:
+    """Return the warning on joints whose torque surely has another scale than the robot file's values."""
+    beyond = [entry for entry in scales if entry.is_beyond()]
+    if not beyond:
+        return ()
+    listed = ", ".join(f"{entry.joint!r} {entry.ratio:.3g}" for entry in beyond)
+    text = (
+        f"the torques have another size than the values of the robot file give ({listed} times): they may be "
+        "motor currents, percent, or of the motor side, or these values are wrong; state unit and side in "
+        "[log.torque], gears and torque constants in [joint.drive], or give --units torque=A to `symid new`"
+    )
+    return (Notice(code=code, text=text, file=file),)
