@@ -29,7 +29,7 @@ NOTES = frozenset(
         *("identify.unused-processing", "lesson.not-executed"),
         *("log.aligned", "log.converted", "log.cut", "log.delay-refuted", "log.folded", "log.in-line"),
         *("log.motor-position", "log.offset", "log.payload", "log.resampled", "log.topic-read", "log.wraps"),
-        "log.incomplete-messages",
+        *("log.incomplete-messages", "identify.mounting", "robot.free-gravity"),
         *("new.assumed-gear", "new.assumed-order", "new.assumed-side", "new.gravity"),
         *("new.friction-kept", "new.preset", "new.unused-columns", "payload.controller-scope"),
         *("robot.assumed-gravity", "robot.cut-off", "robot.default-axis", "robot.elastic-joint"),
