@@ -44,7 +44,7 @@ NOTES = frozenset(
             "log.topic-read",
             "log.wraps",
         ),
-        "log.incomplete-messages",
+        *("log.incomplete-messages", "identify.mounting", "robot.free-gravity"),
         *("new.assumed-order", "new.assumed-side", "new.gravity"),
         *("new.friction-kept", "new.preset", "new.unused-columns", "payload.controller-scope"),
         *("robot.assumed-gravity", "robot.cut-off", "robot.default-axis", "robot.elastic-joint"),

@@ -14,6 +14,11 @@ from dataclasses import dataclass
 INERTIAL = ("XX", "XY", "XZ", "YY", "YZ", "ZZ", "MX", "MY", "MZ", "M")
 """Standard parameters of a link, about the link frame's origin, in this order."""
 
+GRAVITY_SYMBOLS = ("g_x", "g_y", "g_z")
+"""Gravity in the base frame where it is to be found, m/s^2."""
+MOUNTING = "how the robot is mounted"
+"""Why gravity and zeros of encoders are parameters of a fit."""
+
 HYSTERESIS_MODELS = (
     *("prandtl-ishlinskii", "modified-prandtl-ishlinskii", "nonlinear-stops", "krasnoselskii-pokrovskii"),
     *("bouc-wen", "dahl", "lugre", "maxwell-slip"),

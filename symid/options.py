@@ -626,7 +626,10 @@ class DraftOptions(Options):
         None, "DH convention of the table.", words("modified", "standard"), code="usage.call"
     )
     gravity: str | Sequence[float] | None = _input(
-        None, "Gravity in the base frame of the table, m/s^2.  [default: 0,0,-9.81]", TEXT, "X,Y,Z"
+        None,
+        "Gravity in the base frame, m/s^2, in place of the file's, or unknown: identify finds it.",
+        TEXT,
+        "X,Y,Z",
     )
     rotors: bool = _model(False, "Give every drive a rotor with unknown inertia.", FLAG)
     gear: Numbers | None = _model(

@@ -10,7 +10,6 @@ Name or path of a robot file -> `RobotModel`, whose methods are named as the ver
 Supported: robot files, URDF, MJCF, tables of Denavit-Hartenberg rows. Nothing heavy is loaded before use.
 """
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
@@ -549,7 +548,8 @@ def load(
     snap: float | None = None,
     xacro: Mapping[str, str] | Sequence[str] = (),
     convention: str | None = None,
-    gravity: Sequence[float] | None = None,
+    gravity: robots.Vector | None = None,
+    zeros: str | Sequence[str] | None = None,
     backend: str = "auto",
     progress: Progress = ignore,
 ) -> RobotModel:
@@ -568,7 +568,8 @@ def load(
             a note says what it changes. 0 moves nothing.
         xacro: arguments of a xacro file: their values by name, or texts such as "prefix:=left_".
         convention: for a table of rows: "modified" or "standard" Denavit-Hartenberg; it is never guessed.
-        gravity: for a table of rows: in the base frame, m/s^2; 0, 0, -9.81 by default.
+        gravity: in the base frame, m/s^2, in place of the file's, or "unknown": `identify` finds it.
+        zeros: joints whose zeros `identify` finds, by name, or "unknown" for all.
         backend: what computes the functions: "auto", "c", "python" or "casadi".
         progress: called with a short text at each stage, for example `print`.
 
@@ -582,16 +583,9 @@ def load(
         'panda'
     """
     check_value("backend", backend, words(*BACKENDS))
-    written = None
-    if gravity is not None:
-        if len(gravity) != 3 or not all(map(math.isfinite, gravity)):
-            text = f"gravity {gravity!r}: expected three finite numbers in m/s^2, such as (0, 0, -9.81)"
-            raise UsageError(Notice(code="usage.gravity", text=text))
-        x, y, z = (repr(float(part)) for part in gravity)
-        written = (x, y, z)
     replaced = api_logs.list_pairs(settings), friction
-    given: dict[str, Any] = {"base": base, "tip": tip, "convention": convention, "gravity": written}
-    given["xacro"] = xacro
+    given: dict[str, Any] = {"base": base, "tip": tip, "convention": convention, "gravity": gravity}
+    given |= {"xacro": xacro, "zeros": zeros}
     read = partial(robots.load_robot, fspath(robot), *replaced, **given)
     described = read(snap=snap)
     if snap is None and any(notice.code in _ROUNDED for notice in described.notices):

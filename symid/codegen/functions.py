@@ -148,7 +148,8 @@ class ModelCard:
         elasticity: the spring of every coordinate in the robot file, empty where no joint is elastic.
         rotors: rotor inertias of elastic joints, which move with the motors and so are not in `beta`.
         friction_inputs: what friction depends on besides dq: q, load, temperature.
-        searched: shape values of friction laws that a fit refines, with the values it starts from.
+        searched: what a fit refines besides, with the values it starts from: shape values of friction laws,
+            and those of `Library.tangents`, which belong to no joint's law.
     """
 
     robot: str

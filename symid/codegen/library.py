@@ -262,12 +262,22 @@ def _open_copy(binary: Path, prefix: str, digest: str) -> Iterator[tuple[ctypes.
 
 @final
 class Library:
-    """The functions of a model card, computed by `engine`; `notices` say for example: no compiler."""
+    """The functions of a model card, computed by `engine`; `notices` say for example: no compiler.
 
-    def __init__(self, card: ModelCard, engine: "Engine", notices: tuple[Notice, ...] = ()) -> None:
+    `tangents` returns torques (N, n, k) at q, dq and ddq per change of the last k that are searched.
+    """
+
+    def __init__(
+        self,
+        card: ModelCard,
+        engine: "Engine",
+        notices: tuple[Notice, ...] = (),
+        tangents: Callable[[FloatArray, FloatArray, FloatArray], FloatArray] | None = None,
+    ) -> None:
         self.card = card
         self.engine = engine
         self.notices = notices
+        self.tangents = tangents
 
     @property
     def backend(self) -> str:

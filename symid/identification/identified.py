@@ -122,9 +122,8 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
         "the springs of the robot file are left out, because these values do not hold with them"
     )
     notices = (Notice(code="export.rigid-variant", text=text, file=str(source)),)
-    # Shape values are part of the robot, as lengths are.
-    shape = {name for law in found.laws for name in law.names}
-    kept = [k for k, entry in enumerate(found.parameters) if entry.name not in shape]
+    # Shape values, gravity and zeros are part of the robot, as lengths are.
+    kept = [k for k, entry in enumerate(found.parameters) if entry.name not in found.besides]
     covariance = tuple(tuple(found.covariance[k][j] for j in kept) for k in kept) if found.covariance else ()
     values = tuple(found.parameters[k] for k in kept)
     return Identified(

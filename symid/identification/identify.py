@@ -12,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from os import PathLike
 from pathlib import Path
-from typing import Generic, NamedTuple, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from symid import logs as log_files
 from symid.codegen import Library
@@ -26,6 +26,7 @@ from symid.identification import (
     rigid as rigids,
 )
 from symid.identification.estimators import Estimate, FitRecord, FittedLaw
+from symid.identification.mounting import refuse_mounting, search_mounting
 from symid.identification.options import IdentifyOptions, LawOptions
 from symid.identification.stored import read_rigid
 from symid.robot import Robot, describe_settings
@@ -86,6 +87,8 @@ def identify_robot(
     )
     # Motors of elastic joints have their laws chosen in any case.
     elastic = route == "elastic" and options.friction != frictions.AUTO
+    if route == "elastic" and (robot.free_gravity or robot.free_zeros):
+        raise refuse_mounting(where="with elastic joints")
     if options.friction is not None and (elastic or estimator in rigids.SIMULATING):
         where = "elastic joints are" if elastic else f"--estimator {estimator} is"
         raise friction_search.refuse_search(options.friction, f"is not done where {where} identified")
@@ -127,22 +130,17 @@ def _identify_rigid(
     context.progress(f"identifying {robot.name} from {len(recordings)} log{'s'[: len(recordings) > 1]}")
     rule = regression.RankRule(least=0.0 if options.partial else regression.WHOLE_MODEL)
     weights = log_files.get_run_weights(recordings)
-    if friction is not None:
+    common: Any = {"rows": rows, "estimator": estimator, "window": options.window, "overlap": overlap}
+    common |= {"rule": rule, "weights": weights, "progress": context.progress}
+    if rigid.free_gravity or rigid.free_zeros:
+        common["echo"] = log_files.describe_logs(rigid, recordings)
+        estimate, library = search_mounting(rigid, recordings, context.prepare, options, **common)
+    elif friction is not None:
         if options.prior is not None or estimator == "ridge":
             raise friction_search.refuse_search(friction, "a prior does not know")
+        common["echo"] = log_files.describe_logs(rigid, recordings)
         estimate, _, library = friction_search.search_friction(
-            rigid,
-            recordings,
-            friction,
-            context.prepare,
-            progress=context.progress,
-            rows=rows,
-            estimator=estimator,
-            window=options.window,
-            overlap=overlap,
-            rule=rule,
-            weights=weights,
-            echo=log_files.describe_logs(rigid, recordings),
+            rigid, recordings, friction, context.prepare, **common
         )
     else:
         library = context.prepare(rigid)

@@ -180,7 +180,7 @@ def draft_robot(
         texts.append("give one source: --from-urdf FILE (or --from-mjcf), --from-dh FILE or --from ROBOT")
     owned = (
         ("--from-urdf", urdf, {"--base": options.base, "--tip": options.tip}),
-        ("--from-dh", table, {"--convention": options.convention, "--gravity": options.gravity}),
+        ("--from-dh", table, {"--convention": options.convention}),
         ("--log LOG", log, {"--columns": columns, "--units": units}),
     )
     for owner, given, own in owned:
@@ -194,6 +194,7 @@ def draft_robot(
         robot = choose_reading(partial(robots.read_xml_robot, found))
     elif name is not None:
         more = {"--log": log, "--friction": friction, "--rotors": options.rotors, "--gear": options.gear}
+        more["--gravity"] = options.gravity
         if added := _list_given({**more, "--torque-constant": options.torque_constant}):
             listed = ", ".join(added)
             text = f"{listed}: a robot file is copied as it is; leave this out, and complete it by hand"
@@ -204,19 +205,11 @@ def draft_robot(
     elif urdf is not None:
         robot = choose_reading(partial(robots.read_xml_robot, urdf, base=options.base, tip=options.tip))
     else:
-        gravity = robots.DEFAULT_GRAVITY
         if options.gravity is None:
             text = "gravity is assumed as 0, 0, -9.81 m/s^2 in the base frame; give --gravity or correct the"
             notices.append(Notice(code="new.gravity", text=f"{text} file"))
-        else:
-            texts, numbers = _read_numbers(options.gravity)
-            if len(numbers) != 3:
-                expected = "expected three numbers in m/s^2 of a sensible size"
-                text = f"--gravity {','.join(texts)}: {expected}, such as --gravity 0,0,-9.81"
-                raise UsageError(Notice(code="usage.gravity", text=text))
-            x, y, z = (text.strip() for text in texts)
-            gravity = (x, y, z)
-        robot = robots.read_dh_table(table or Path(), options.convention or "", gravity)
+        robot = robots.read_dh_table(table or Path(), options.convention or "")
+    robot = robots.state_mounting(robot, options.gravity)
     stated: list[tuple[float, ...]] = []
     for option, value in (("--gear", options.gear), ("--torque-constant", options.torque_constant)):
         if value is None:

@@ -136,7 +136,9 @@ def show_estimate(estimate: "estimators.Estimate") -> tuple[Block, ...]:
     texts = ("\n".join(part) for part in (lines, refused) if part)
     held_out = () if estimate.evidence is None else (show_evidence(estimate.evidence),)
     laws = tabulate_laws(estimate.laws)
-    return (headline, table, *laws, show_residual(estimate.residual), *held_out, *texts)
+    mounting: Any = estimate.settings.get("mounting", {})
+    said = ("\n".join(mounting["said"]),) if mounting else ()
+    return (headline, *said, table, *laws, show_residual(estimate.residual), *held_out, *texts)
 
 
 def _show_parameters(

@@ -22,6 +22,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 
@@ -176,8 +177,9 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
         listed = ", ".join(f"{entry.held_out:.3g} % of {entry.joint}" for entry in least)
         caps.append(("doubtful", f"more is left unexplained of single joints: {listed}"))
     caps += _list_contradictions(evidence)
+    finds = 'gravity = "unknown" or zeros = "unknown" in the robot file finds it'
     caps += [
-        ("usable", f"gravity is turned by {entry.part} from the robot file's, or the zero of a joint is off")
+        ("usable", f"gravity is turned by {entry.part}, or the zero of a joint is off: {finds}")
         for entry in evidence.tests
         if entry.what == "gravity" and entry.verdict == _DIFFERENT
     ]
@@ -304,6 +306,9 @@ def judge_identification(estimate: Estimate, validations: Sequence[Validation]) 
         if held_out:
             tried, sentence = _judge_prediction(estimate, held_out)
             level, headline = min(level, tried, key=LEVELS.index), f"{sentence} {headline}"
+    mounting: Any = estimate.settings.get("mounting", {})
+    if turn := mounting.get("turn", ""):
+        headline = f"{headline} {turn[0].upper()}{turn[1:]}."
     caps += _list_validation_caps(held_out)
     details += words
     verdict = _limit(level, headline, details, caps)

@@ -4,7 +4,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.robot.description import (
+        DEFAULT_GRAVITY as DEFAULT_GRAVITY,
         QUANTITIES as QUANTITIES,
+        UNKNOWN as UNKNOWN,
         Controller as Controller,
         Coupling as Coupling,
         Decimation as Decimation,
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
         SourceFile as SourceFile,
         Spring as Spring,
         SymbolicInertia as SymbolicInertia,
+        mount_robot as mount_robot,
         refuse_passive_joints as refuse_passive_joints,
     )
     from symid.robot.geometry import (
@@ -36,7 +39,7 @@ if TYPE_CHECKING:
         move_parameters as move_parameters,
     )
     from symid.robot.loading import (
-        DEFAULT_GRAVITY as DEFAULT_GRAVITY,
+        Vector as Vector,
         complete_robot as complete_robot,
         is_mjcf as is_mjcf,
         is_xml as is_xml,
@@ -46,6 +49,7 @@ if TYPE_CHECKING:
         name_for_commands as name_for_commands,
         override_robot as override_robot,
         override_settings as override_settings,
+        state_mounting as state_mounting,
     )
     from symid.robot.mjcf_reader import parse_xml_robot as parse_xml_robot, read_xml_robot as read_xml_robot
     from symid.robot.parameter_values import (

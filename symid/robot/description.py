@@ -19,14 +19,20 @@ Not supported: closed loops, floating bases; integral parts, coupled control loo
 """
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
 from fractions import Fraction
 
 from symid.errors import Notice, RobotError, UsageError
 from symid.joint_models import Elasticity, FrictionValues
-from symid.robot.geometry import IDENTITY, ZERO, Exact, Placement
+from symid.notation import GRAVITY_SYMBOLS
+from symid.robot.geometry import IDENTITY, ZERO, Exact, Placement, compose_placements, place_joint
+
+UNKNOWN = "unknown"
+"""In place of gravity, or of the joints whose zeros are stated: a fit is to find it."""
+DEFAULT_GRAVITY = (ZERO, ZERO, Exact.of("-9.81"))
+"""Gravity in m/s^2 in the base frame, where nothing else is stated."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -350,12 +356,13 @@ class Robot:
     calls can name; `log`, `processing` and `controller` are those in use; `made_from` is the URDF that it was
     made from. Joints that follow no other, `axes`, have a coordinate each, in the order of the joints. Joints
     and couplings together are numbered through (joints first); the number stands in the labels of their
-    parameters. `links` are those of a URDF, with those that became part of others.
+    parameters. `links` are those of a URDF, with those that became part of others. What a fit is to find is
+    told by `free_gravity`, whose values are then those of symbols, and `free_zeros`, joints by name.
     """
 
     name: str
     joints: tuple[Joint, ...]
-    gravity: tuple[Exact, Exact, Exact] = (ZERO, ZERO, Exact.of("-9.81"))
+    gravity: tuple[Exact, Exact, Exact] = DEFAULT_GRAVITY
     symbols: tuple[tuple[str, float], ...] = ()
     convention: str = "modified"
     description: str = ""
@@ -369,6 +376,8 @@ class Robot:
     couplings: tuple[Coupling, ...] = ()
     made_from: SourceFile | None = None
     links: tuple[LinkPlace, ...] = ()
+    free_gravity: bool = False
+    free_zeros: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         """Refuse, by a RobotError, what no later stage can rely on."""
@@ -465,3 +474,52 @@ def refuse_passive_joints(robot: Robot, why: str) -> None:
     if names:
         text = f"robot {robot.name!r} has joints without a motor ({names}, actuated = false): {why}"
         raise UsageError(Notice(code="usage.passive-joint", text=text, file=robot.path))
+
+
+def free_mounting(robot: Robot, *, gravity: bool = False, zeros: Sequence[str] = ()) -> Robot:
+    """Return the robot with gravity, in symbols, or zeros of joints that a fit is to find."""
+    zeros = tuple(zeros) or robot.free_zeros
+    if not gravity:
+        return replace(robot, free_zeros=zeros)
+    before = dict(robot.symbols)
+    values = zip(GRAVITY_SYMBOLS, (value.to_float(before) for value in robot.gravity), strict=True)
+    x, y, z = map(Exact.symbol, GRAVITY_SYMBOLS)
+    symbols = before | dict(values)
+    told = ", ".join(f"{symbols[name]:g}" for name in GRAVITY_SYMBOLS)
+    text = f"gravity is found by identify; all else takes ({told}) m/s^2"
+    notices = [notice for notice in robot.notices if notice.code != "robot.assumed-gravity"]
+    return replace(
+        robot,
+        gravity=(x, y, z),
+        symbols=tuple(sorted(symbols.items())),
+        free_gravity=True,
+        free_zeros=zeros,
+        notices=(*notices, Notice(code="robot.free-gravity", text=text, file=robot.path)),
+    )
+
+
+def mount_robot(
+    robot: Robot, gravity: Sequence[float] = (), zeros: Mapping[str, float] | None = None
+) -> Robot:
+    """Return the robot under gravity (3,) in m/s^2, with `zeros` (rad or m) added to what joints read.
+
+    Parts of gravity that are not zero are symbols; nothing is left to be found. Followers move with the joint
+    that they follow.
+    """
+    if len(gravity):
+        values = dict(zip(GRAVITY_SYMBOLS, map(float, gravity), strict=True))
+        x, y, z = (Exact.symbol(name) if value else ZERO for name, value in values.items())
+        others = {name: value for name, value in robot.symbols if name not in values}
+        symbols = others | {name: value for name, value in values.items() if value}
+        robot = replace(robot, gravity=(x, y, z), symbols=tuple(sorted(symbols.items())))
+    joints = []
+    for joint in robot.joints:
+        leader, factor = joint, 1.0
+        if joint.mimic is not None:
+            leader, factor = robot.joints[joint.mimic.master], float(joint.mimic.multiplier)
+        moved = factor * (zeros or {}).get(leader.name, 0.0)
+        if moved:
+            own = place_joint(Exact.of(repr(moved)), prismatic=joint.prismatic, snap=0.0)
+            joint = replace(joint, placement=compose_placements(joint.placement, own))  # noqa: PLW2901
+        joints.append(joint)
+    return replace(robot, joints=tuple(joints), free_gravity=False, free_zeros=())

@@ -20,22 +20,23 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from decimal import Decimal, DecimalException
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from symid.environment import locate_resource_folder, read_file
 from symid.errors import Notice, RobotError, UsageError
 from symid.joint_models import NO_FRICTION, FrictionValues, get_law, list_value_names, name_values
 from symid.notation import get_unit_factor
-from symid.robot.description import Drive, Joint, Robot
+from symid.robot.description import UNKNOWN, Drive, Joint, Robot, free_mounting
+from symid.robot.geometry import Exact
 from symid.robot.toml_settings import SETTING_TABLES, describe_settings, list_controller, read_settings
-from symid.robot.toml_values import LARGEST_FILE, KeyPath, Place, Places, Section, suggest_names
+from symid.robot.toml_values import LARGEST_FILE, KeyPath, Place, Places, Section, suggest_names, to_decimal
 
 _SUFFIX = ".toml"
 # Behind the XML declaration and comments; what was passed once is not tried again in another way.
 _FIRST_TAG = re.compile(rb"(?:\s++|<\?.*?\?>|<!--.*?-->)*+<([\w:]+)", re.DOTALL)
 _XML_SUFFIXES = (".urdf", ".xml", ".mjcf")
-DEFAULT_GRAVITY = ("0", "0", "-9.81")
-"""Gravity in m/s^2 in the base frame of a table of rows, where nothing else is stated."""
+Vector: TypeAlias = str | Sequence[float]
+"""Three numbers, or a text such as "0,0,-9.81"."""
 
 
 def _list_robot_folders() -> tuple[Path, ...]:
@@ -287,7 +288,8 @@ def load_robot(
     snap: float | None = None,
     xacro: Mapping[str, str] | Sequence[str] = (),
     convention: str | None = None,
-    gravity: tuple[str, str, str] | None = None,
+    gravity: Vector | None = None,
+    zeros: str | Sequence[str] | None = None,
 ) -> Robot:
     """Return the robot of a name or path, with other settings in place of the file's.
 
@@ -300,7 +302,8 @@ def load_robot(
         snap: angle in rad within which rotations of a URDF or MJCF become multiples of pi/2.
         xacro: arguments of a xacro file, by name, or texts such as "prefix:=left_".
         convention: of a table of rows, "modified" or "standard"; it is never guessed.
-        gravity: of a table of rows, in the base frame, m/s^2.
+        gravity: in the base frame, m/s^2, or "unknown", in place of the file's.
+        zeros: joints whose zeros a fit is to find, by name, or "unknown" for all.
 
     Raises:
         UsageError: there is no such robot, a setting cannot be made here, or an option does not fit the file.
@@ -308,8 +311,8 @@ def load_robot(
     """
     path = locate_robot_file(name)
     table = path.suffix.lower() == ".csv"
-    if table == (convention is None) or (gravity is not None and not table):
-        text = "convention and gravity belong to a table of Denavit-Hartenberg rows (.csv); leave them out"
+    if table == (convention is None):
+        text = "a convention belongs to a table of Denavit-Hartenberg rows (.csv); leave it out"
         if table:
             text = "a table of Denavit-Hartenberg rows: state its convention, 'modified' or 'standard'"
         raise UsageError(Notice(code="usage.convention", text=text, file=str(path)))
@@ -319,7 +322,7 @@ def load_robot(
 
         nearest = DEFAULT_SNAP if snap is None else snap
         robot = read_xml_robot(path, base=base, tip=tip, snap=nearest, xacro=_list_arguments(xacro))
-        return override_settings(robot, settings, friction)
+        return override_settings(state_mounting(robot, gravity, zeros), settings, friction)
     for option, value in (("base", base), ("tip", tip), ("snap", snap)):
         if value is not None:
             what = "rounded" if option == "snap" else "cut at its links"
@@ -332,12 +335,12 @@ def load_robot(
     if convention is not None:
         from symid.robot.toml_reader import read_dh_table
 
-        robot = read_dh_table(path, convention, gravity or DEFAULT_GRAVITY)
+        robot = read_dh_table(path, convention)
     else:
         from symid.robot.toml_reader import read_robot
 
         robot = read_robot(path)
-    return override_settings(robot, settings, friction)
+    return override_settings(state_mounting(robot, gravity, zeros), settings, friction)
 
 
 def _list_arguments(xacro: Mapping[str, str] | Sequence[str]) -> dict[str, str]:
@@ -361,3 +364,45 @@ def override_settings(
         return override_robot(robot, settings, friction)
     except RobotError as error:
         raise UsageError(*error.notices) from error
+
+
+def read_gravity(given: Vector) -> tuple[str, str, str]:
+    """Return the numbers of a gravity vector as decimals; a UsageError where it is none."""
+    plain = given.tolist() if hasattr(given, "tolist") else given
+    texts = [part.strip() for part in plain.split(",")] if isinstance(plain, str) else list(map(str, plain))
+    try:
+        numbers = [to_decimal(Decimal(text)) for text in texts]
+    except DecimalException:
+        numbers = []
+    if len(numbers) != 3 or None in numbers:
+        text = f"gravity (--gravity) {','.join(texts)}: expected three numbers in m/s^2 of a sensible size, "
+        raise UsageError(Notice(code="usage.gravity", text=f"{text}such as 0,0,-9.81, or {UNKNOWN}"))
+    x, y, z = texts
+    return x, y, z
+
+
+def state_mounting(
+    robot: Robot, gravity: Vector | None = None, zeros: str | Sequence[str] | None = None
+) -> Robot:
+    """Return the robot under another gravity, and with joints whose zeros are to be found; see `load_robot`.
+
+    Raises:
+        UsageError: gravity is no vector, or a joint is none of the robot.
+    """
+    if isinstance(gravity, str) and gravity.strip() == UNKNOWN:
+        robot = free_mounting(robot, gravity=True)
+    elif gravity is not None:
+        x, y, z = map(Exact.of, read_gravity(gravity))
+        kept = tuple(notice for notice in robot.notices if notice.code != "robot.assumed-gravity")
+        robot = replace(robot, gravity=(x, y, z), free_gravity=False, notices=kept)
+    if zeros is None:
+        return robot
+    names = [part.strip() for part in zeros.split(",")] if isinstance(zeros, str) else list(zeros)
+    known = [joint.name for joint in robot.axes]
+    mistakes = [name for name in names if name not in known] if names != [UNKNOWN] else []
+    if mistakes:
+        listed = f"joints are {', '.join(known)}, or {UNKNOWN} for all"
+        text = f"zeros (--zeros): no joint {mistakes[0]!r}; {listed}"
+        text += f"{suggest_names(mistakes[0], known, before='; ')}"
+        raise UsageError(Notice(code="usage.zeros", text=text, file=robot.path))
+    return free_mounting(robot, zeros=known if names == [UNKNOWN] else names)

@@ -30,6 +30,8 @@ from typing import Any
 from symid.errors import RobotError
 from symid.notation import INERTIAL
 from symid.robot.description import (
+    DEFAULT_GRAVITY,
+    UNKNOWN,
     Coupling,
     Joint,
     JointKind,
@@ -38,6 +40,7 @@ from symid.robot.description import (
     Robot,
     SourceFile,
     SymbolicInertia,
+    free_mounting,
 )
 from symid.robot.exact_values import (
     DH_KEYS,
@@ -75,7 +78,7 @@ from symid.robot.toml_values import (
 )
 
 _ROBOT_KEYS = (
-    *("name", "description", "source", "convention", "gravity", "symbols"),
+    *("name", "description", "source", "convention", "gravity", "zeros", "symbols"),
     *("made_from", "joint", "coupling", "log", "processing", "controller", "settings"),
 )
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]*")
@@ -139,7 +142,14 @@ def build_robot(root: Section, file: str) -> Robot:
     joints, couplings = read_joints(root, convention)
     remedy = "write gravity = [0, 0, -9.81], the vector in the base frame in m/s^2"
     root.require("gravity", remedy)
-    gravity = read_vector(root, "gravity", "m/s^2")
+    unknown = root.get("gravity") == UNKNOWN
+    gravity = DEFAULT_GRAVITY if unknown else read_vector(root, "gravity", "m/s^2")
+    zeros = root.get("zeros")
+    known = [joint.name for joint in joints if joint.mimic is None]
+    zeros = known if zeros == UNKNOWN else zeros
+    if zeros is not None and not (isinstance(zeros, list) and zeros and all(name in known for name in zeros)):
+        text = f'expected "{UNKNOWN}" or a list of joints ({", ".join(known)}), got {root.show("zeros")}'
+        root.refuse("robot.zeros", "zeros", f"{text}; a zero that is known is an offset of [log.position]")
     log, processing, controller = read_settings(root, joints)
     settings = read_named_settings(root, joints)
     made_from = None
@@ -165,7 +175,7 @@ def build_robot(root: Section, file: str) -> Robot:
         elif symbol not in root.used:
             symbols.warn("robot.unused-symbol", symbol, "nothing in the file uses this symbol")
     notices = root.finish()
-    return Robot(
+    robot = Robot(
         name=name or re.sub(r"\W|^(?=\d)", "_", Path(file).stem),
         description=description,
         source=source,
@@ -182,6 +192,7 @@ def build_robot(root: Section, file: str) -> Robot:
         notices=notices,
         made_from=made_from,
     )
+    return free_mounting(robot, gravity=unknown, zeros=zeros or ())
 
 
 def read_body(

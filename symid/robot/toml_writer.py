@@ -22,8 +22,18 @@ from typing import Any
 import numpy as np
 
 from symid import joint_models
-from symid.notation import INERTIAL, adapt_unit, get_unit_factor
-from symid.robot.description import Drive, Joint, Limits, LogMap, NamedSettings, Processing, Robot, SourceFile
+from symid.notation import GRAVITY_SYMBOLS, INERTIAL, adapt_unit, get_unit_factor
+from symid.robot.description import (
+    UNKNOWN,
+    Drive,
+    Joint,
+    Limits,
+    LogMap,
+    NamedSettings,
+    Processing,
+    Robot,
+    SourceFile,
+)
 from symid.robot.exact_values import (
     add_comment,
     write_exact,
@@ -104,9 +114,17 @@ def write_robot(robot: Robot, *, comment: str = "", hints: bool = False, folder:
     }
     lines = [f"# {line}".rstrip() for line in comment.splitlines()]
     lines += [f"{key} = {write_value(text)}" for key, text in texts.items() if text]
-    lines.append(add_comment(f"gravity = {write_list(robot.gravity)}", "m/s^2, base frame"))
-    if robot.symbols:
-        lines += ["", "[symbols]", *(f"{name} = {write_number(value)}" for name, value in robot.symbols)]
+    # Gravity that a fit has found is a number like any other.
+    symbols, vector = robot.symbols, write_list(robot.gravity)
+    if any(str(value) in GRAVITY_SYMBOLS for value in robot.gravity):
+        symbols = tuple(entry for entry in symbols if entry[0] not in GRAVITY_SYMBOLS)
+        found = [write_number(value.to_float(dict(robot.symbols))) for value in robot.gravity]
+        vector = write_value(UNKNOWN) if robot.free_gravity else f"[{', '.join(found)}]"
+    lines.append(add_comment(f"gravity = {vector}", "m/s^2, base frame"))
+    if robot.free_zeros:
+        lines.append(f"zeros = [{', '.join(map(write_value, robot.free_zeros))}]")
+    if symbols:
+        lines += ["", "[symbols]", *(f"{name} = {write_number(value)}" for name, value in symbols)]
     if robot.made_from is not None:
         lines += ["", "[made_from]", *_list_source(robot.made_from, folder)]
     for index, joint in enumerate(robot.joints):

@@ -8,8 +8,11 @@ import pytest
 from symid.identification.judge import POLICY
 from tests.architecture.source import PACKAGE
 
-MOST = 151
-"""Numbers of the rooms of identification and of the verdict: every change lowers them, or says why not."""
+MOST = 155
+"""Numbers of the rooms of identification and of the verdict: every change lowers them, or says why not.
+
+The search of gravity and zeros has four: states and steps of its differences, a grid and a largest step.
+"""
 POLICY_FILE = PACKAGE / "identification" / "judge" / "policy.py"
 
 

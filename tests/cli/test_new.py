@@ -82,13 +82,12 @@ def test_a_file_that_exists_is_kept_without_force(tmp_path, table):
         (("--from", "scara", "--from-dh", "x.csv", "--convention", "modified"), "usage.call", "give one"),
         (("--from-dh", "x.csv"), "usage.call", "never guessed"),
         (("--from", "scara", "--tip", "hand"), "usage.call", "--tip belongs to --from-urdf"),
-        (("--from", "scara", "--gravity", "0,0,0"), "usage.call", "--gravity belongs to --from-dh"),
+        (("--from", "scara", "--gravity", "0,0,0"), "usage.copied", "--gravity: a robot file is copied"),
         (("--from", "scra"), "usage.unknown-robot", "did you mean scara"),
-        (("--from", "scara", "--gravity", "1e300,0,0"), "usage.call", "belongs to --from-dh"),
         (
             ("--from-dh", "rows.csv", "--convention", "modified", "--gravity", "1e300,0,0"),
             "usage.gravity",
-            "--gravity 1e300,0,0: expected three numbers in m/s^2 of a sensible size",
+            "gravity (--gravity) 1e300,0,0: expected three numbers in m/s^2 of a sensible size",
         ),
         (
             ("--from-dh", "rows.csv", "--convention", "modified", "--gravity", "9.81"),

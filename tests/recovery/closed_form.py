@@ -27,6 +27,7 @@ class ClosedForm:
     functions: dict
     backend: str = "numpy"
     notices: tuple = ()
+    tangents: None = None
 
     def evaluate(self, name, *inputs, out=None):
         found = self.functions[name](*inputs)

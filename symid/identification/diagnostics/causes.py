@@ -499,7 +499,11 @@ def _list_sizes(
 
         zero = search(turn, zeros[zeros != 0.0], joint)
         cause = f"the zero of joint {names[joint]!r} is off by about {zero:.2g} rad"
-        remedy = "state it as offset of [log.position], or correct theta of the robot file"
+        offsets = ", ".join(f"{-zero:.3g}" if place == joint else "0" for place in range(count))
+        remedy = (
+            f"add offset = [{offsets}] to [log.position], or {-zero:.3g} to its theta in the robot file; "
+            f'zeros = ["{names[joint]}"] there finds it with its deviation'
+        )
         family = f"zero of {names[joint]}"
         yield Hypothesis("log.joint-zero", family, cause, remedy, turn(zero), (joint,), tried=_STEPS)
 
@@ -575,7 +579,8 @@ def suspect_gravity(found: GravityEstimate, motion: ThinMotion) -> Hypothesis:
     vector = ", ".join(f"{value:.3g}" for value in found.direction)
     turn, deviation = np.degrees(found.turn), np.degrees(found.deviation)
     cause = f"gravity differs from the robot file's by {turn:.3g} degrees +- {deviation:.2g}"
-    remedy = f"state gravity = [{vector}] in the robot file, if the robot is mounted so"
+    remedy = f"state gravity = [{vector}] in the robot file, if the robot is mounted so; with all parameters "
+    remedy += 'it is found by gravity = "unknown" there'
     # The torque of a weight that the log does not have would be explained for nothing.
     sizes = np.sum(np.where(motion.kept, motion.tau, 0.0) ** 2, axis=0)
     return Hypothesis(GRAVITY, "gravity", cause, remedy, replace(motion, tau=found.tau), sizes=sizes)

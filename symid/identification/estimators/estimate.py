@@ -13,7 +13,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import ClassVar, final
+from typing import Any, ClassVar, final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -532,6 +532,12 @@ class Estimate(DynamicsRecord):
     evidence: Evidence | None = None
     motion: tuple[tuple[float, ...], ...] = field(default=(), metadata=HIDDEN)
 
+    @property
+    def besides(self) -> frozenset[str]:
+        """Return the names of parameters that are none of the model: shape values, gravity and zeros."""
+        mounting: Any = self.settings.get("mounting", {})
+        return frozenset({name for law in self.laws for name in law.names} | set(mounting.get("names", ())))
+
     def assemble(self, names: Sequence[str]) -> FloatArray:
         """Return the parameters in the order of `names`, zero where nothing is known: (p,)."""
         known = dict(self.unresolved) | {entry.name: entry.value for entry in self.parameters}
@@ -551,9 +557,8 @@ class Estimate(DynamicsRecord):
         expected = {entry.name for entry in (*card.beta, *card.friction)}
         found = [entry.name for entry in self.parameters] + [name for name, _ in self.refused]
         problems = [f"{name!r} is given twice" for name in dict.fromkeys(found) if found.count(name) > 1]
-        shape = {name for law in self.laws for name in law.names}
-        found = [name for name in found if name not in shape]
-        strange = [name for name, _ in self.unresolved if name not in (expected | shape)]
+        found = [name for name in found if name not in self.besides]
+        strange = [name for name, _ in self.unresolved if name not in (expected | self.besides)]
         unknown = (name for name in (*found, *strange) if name not in expected)
         problems += [f"{name!r} is not a parameter of it" for name in unknown]
         return problems + [f"{name!r} is missing" for name in sorted(expected - set(found))]

@@ -108,7 +108,7 @@ def measure_inferiority(losses: FloatArray) -> FloatArray:
     if parts < 2:
         return np.ones(count)
     logs = np.log(losses + POLICY.relevance * losses.mean())
-    signs = np.where(np.random.default_rng(0).random((numerics.EXCHANGES, parts)) < 0.5, -1.0, 1.0)
+    signs = np.random.default_rng(0).choice((-1.0, 1.0), (numerics.EXCHANGES, parts))
     signs[0] = 1.0
     found = np.ones(count)
     for place in range(count):

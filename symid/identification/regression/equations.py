@@ -299,19 +299,24 @@ def _build_filtered_part(library: Library, signals: Signals, length: float) -> E
 
 
 def _evaluate_friction(library: Library, states: logs.States) -> tuple[FloatArray, ...]:
-    """Return the columns of friction, and sum_k c_k dPhi_k / ds (N, n, s) of searched shape values s."""
-    card, (q, dq, _, load, temperature) = library.card, states
+    """Return the columns of friction, and sum_k c_k dPhi_k / ds (N, n, s) of searched shape values s.
+
+    The library's tangents stand last.
+    """
+    card, (q, dq, ddq, load, temperature) = library.card, states
+    more = () if library.tangents is None else (library.tangents(q, dq, ddq),)
     if not card.friction:
-        return ()
+        return more
     inputs = card.gather_friction_inputs(dq, q=q, load=load, temperature=temperature)
     columns = library.evaluate("friction_regressor", *inputs)
-    if not card.searched:
-        return columns
+    laws = [one for one in card.searched if one.joint]
+    if not laws:
+        return (*columns, *more)
     named = {"velocity": dq, "position": q, "load": load, "temperature": temperature}
     given = {name: values for name, values in named.items() if values is not None}
-    found, place = np.zeros((*dq.shape, len(card.searched))), 0
+    found, place = np.zeros((*dq.shape, len(laws))), 0
     for joint, entry in enumerate(card.joints):
-        shape = [one.value or 0.0 for one in card.searched if one.joint == entry.name]
+        shape = [one.value or 0.0 for one in laws if one.joint == entry.name]
         if not shape:
             continue
         law = get_law(entry.friction, smoothing=entry.smoothing)
@@ -321,7 +326,7 @@ def _evaluate_friction(library: Library, states: logs.States) -> tuple[FloatArra
         rates = compute_column_derivatives(law, own, shape)
         found[:, joint, place : place + len(shape)] = np.einsum("nps,p->ns", rates, linear)
         place += len(shape)
-    return (*columns, found)
+    return (*columns, found, *more)
 
 
 def _merge(values: FloatArray, pieces: int) -> FloatArray:

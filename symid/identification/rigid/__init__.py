@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from symid.identification.rigid.plan import (
         PRIOR_OF_ROBOT as PRIOR_OF_ROBOT,
         SIMULATING as SIMULATING,
+        FitPlan as FitPlan,
         build_estimator_options as build_estimator_options,
         check_estimator as check_estimator,
         check_rigid_options as check_rigid_options,

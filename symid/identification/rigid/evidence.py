@@ -60,7 +60,8 @@ def collect_evidence(
         folds = np.stack([entry.values for entry in others])[logs.log]
     motion = logs.motion
     gravity = None
-    if robot is not None:
+    # Not where gravity is a part of the fit itself.
+    if robot is not None and library.tangents is None:
         gravity = diagnostics.estimate_gravity(library, motion, robot, logs.fold)
         differs = gravity.difference.verdict is Agreement.DIFFERENT
         turned = diagnostics.suspect_gravity(gravity, motion)

@@ -30,6 +30,7 @@ from symid.identification.rigid.friction_choice import measure_law_errors
 from symid.identification.rigid.plan import FILTERED_INSTRUMENTAL, FitPlan, list_unknown, plan_fit
 from symid.joint_models import NO_FRICTION
 from symid.logs import Recording, choose_processing, mask_states
+from symid.notation import MOUNTING
 from symid.robot import Processing, Robot
 
 
@@ -397,6 +398,9 @@ def build_estimate(
             *rows.notices,
             *identifiability.notices,
             *fit.notices,
-            *diagnostics.warn_of_poorly_identifiable(parameters),
+            # Gravity has parts that are near zero, and zeros are.
+            *diagnostics.warn_of_poorly_identifiable(
+                [entry for entry, one in zip(parameters, known, strict=True) if one.reason != MOUNTING]
+            ),
         ),
     )

@@ -213,6 +213,9 @@ def restore_robot(
         described = replace(robot, joints=tuple(joints))
     else:
         described = robots.override_settings(robot, (), kinds[0] if len(kinds) == 1 else None)
+    mounting: Any = estimate.settings.get("mounting")
+    if mounting:
+        described = robots.mount_robot(described, mounting["gravity"], mounting["zeros"])
     restored = _restore_settings(described, estimate.settings)
     # The settings that differ between the estimate and the robot file, but for overridden ones. Where the fit
     # has chosen some from its logs, ends that it cut, instruments and velocities are chosen too.

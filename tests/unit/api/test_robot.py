@@ -7,12 +7,25 @@ import pytest
 
 import symid
 from symid.cli.main import run
+from symid.robot import write_robot
 from tests.calls import do
-from tests.refusals import raises
+from tests.refusals import raises, tell
 
 ROWS = """joint,alpha,a,theta,d,kind
 one,0,0,q,0,revolute
 two,0,0.5,q,0,revolute
+"""
+
+FREE = """convention = "modified"
+gravity = "unknown"
+zeros = ["elbow"]
+[[joint]]
+name = "shoulder"
+kind = "revolute"
+[[joint]]
+name = "elbow"
+kind = "revolute"
+a = 0.5
 """
 
 
@@ -63,11 +76,49 @@ def test_a_table_of_rows_wants_its_convention(tmp_path):
         symid.load("two_link", convention="modified")
 
 
-def test_gravity_of_a_table_is_three_finite_numbers(tmp_path):
+@pytest.mark.parametrize("gravity", [(0.0, float("nan"), -9.81), (0.0, 1.0), "0,0", "0,0,down", "unkown"])
+def test_gravity_is_three_finite_numbers(tmp_path, gravity):
     table = tmp_path / "arm.csv"
     table.write_text(ROWS)
     with raises(symid.UsageError, "usage.gravity"):
-        symid.load(table, convention="modified", gravity=(0.0, float("nan"), -9.81))
+        symid.load(table, convention="modified", gravity=gravity)
+    with raises(symid.UsageError, "usage.gravity"):
+        symid.load("two_link", gravity=gravity)
+
+
+@pytest.mark.parametrize("gravity", [(0.0, 9.81, 0.5), "0, 9.81, 0.5", [0, "9.81", 0.5]])
+def test_gravity_of_a_call_stands_in_for_that_of_any_file(tmp_path, gravity):
+    urdf = tmp_path / "arm.urdf"
+    joint = '<joint name="j" type="revolute"><parent link="a"/><child link="b"/><axis xyz="0 0 1"/>'
+    limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint>'
+    urdf.write_text(f'<robot name="arm"><link name="a"/><link name="b"/>{joint}{limit}</robot>')
+    for source in ("two_link", urdf):
+        robot = symid.load(source, gravity=gravity)
+        assert [value.to_float() for value in robot.description.gravity] == [0.0, 9.81, 0.5]
+        assert "robot.assumed-gravity" not in [notice.code for notice in robot.notices]
+
+
+def test_unknown_gravity_and_zeros_are_those_of_the_robot_file(tmp_path):
+    file = tmp_path / "arm.toml"
+    file.write_text(FREE)
+    robot = symid.load(file)
+    assert robot.description.free_gravity
+    assert robot.description.free_zeros == ("elbow",)
+    assert list(tell(robot.notices)) == ["robot.free-gravity"]
+    called = symid.load("two_link", gravity="unknown", zeros="unknown").description
+    assert [str(value) for value in called.gravity] == ["g_x", "g_y", "g_z"]
+    assert called.free_zeros == ("shoulder", "elbow")
+    assert {"g_x", "g_y"} <= {str(one) for one in robot.sympy("gravity")["g"].free_symbols}
+    # Written and read again it is to be found still.
+    again = tmp_path / "again.toml"
+    again.write_text(write_robot(called))
+    assert symid.load(again).description.free_zeros == called.free_zeros
+    assert 'gravity = "unknown"' in again.read_text()
+    file.write_text(FREE.replace('["elbow"]', '["wrist"]'))
+    with raises(symid.RobotError, "robot.zeros", match="expected .unknown. or a list of joints"):
+        symid.load(file)
+    with raises(symid.UsageError, "usage.zeros", match="did you mean elbow"):
+        symid.load("two_link", zeros="elbov")
 
 
 def test_a_table_of_rows_is_the_robot_that_new_writes_from_it(tmp_path):

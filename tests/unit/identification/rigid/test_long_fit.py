@@ -163,7 +163,7 @@ def test_structure_of_very_long_logs_is_that_of_some_of_their_rows():
 class Wide:
     """A library of two joints with 80 parameters each, whatever they mean."""
 
-    backend, notices, names = "numpy", (), tuple(f"B{index}" for index in range(160))
+    backend, notices, tangents, names = "numpy", (), None, tuple(f"B{index}" for index in range(160))
 
     def __init__(self):
         beta = tuple(replace(LIBRARY.card.beta[0], name=name) for name in self.names)
