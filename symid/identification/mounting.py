@@ -39,6 +39,8 @@ from symid.notation import GRAVITY_SYMBOLS, MOUNTING
 from symid.robot import DEFAULT_GRAVITY, Robot, mount_robot
 
 _EARTH = np.array([value.to_float() for value in DEFAULT_GRAVITY])
+_EARTH_SPREAD = 1.5e-3
+"""Deviation of a size that is only stated, part of it: 9.780 m/s^2 at the equator, 9.832 at the poles."""
 _STATES = 200
 """Random ones, at which the rank of the problem is found."""
 _STEP = 1e-3
@@ -361,6 +363,14 @@ def _record(problem: _Problem, found: _MountedFit, before: FloatArray, told: str
     """
     estimate, robot, zeros = found.estimate, found.robot, problem.robot.free_zeros
     values, covariance, rows = found.measure()
+    place, turn, said = np.zeros_like(values), "", list[str]()
+    if problem.robot.free_gravity:
+        turn, text = _describe_gravity(values, covariance, before, told)
+        said.append(text)
+        if _is_stated(*_measure_size(values, covariance)):
+            # A size that was not found may be that of another place.
+            place[:3] = _EARTH_SPREAD * values[:3]
+    covariance = covariance + np.outer(place, place)
     deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
     units = [*((name, "m/s^2") for name in GRAVITY_SYMBOLS), *(_name_zero(robot, name) for name in zeros)]
     shown = np.flatnonzero(found.directions.any(axis=1)).tolist()
@@ -371,10 +381,8 @@ def _record(problem: _Problem, found: _MountedFit, before: FloatArray, told: str
     cards = [card.name for card in found.library.card.searched]
     kept = [k for k, entry in enumerate(estimate.parameters) if entry.name not in cards]
     whole = np.vstack([np.eye(len(estimate.parameters))[kept], rows[shown]])
-    turn, said = "", []
-    if problem.robot.free_gravity:
-        turn, text = _describe_gravity(values, covariance, before, told)
-        said.append(text)
+    wider = whole @ np.array(estimate.covariance) @ whole.T
+    wider[len(kept) :, len(kept) :] += np.outer(place[shown], place[shown])
     offsets = {joint.name: "0" for joint in robot.axes}
     for k in (k for k in shown if k > 2):
         name, (_, unit) = zeros[k - 3], units[k]
@@ -395,7 +403,7 @@ def _record(problem: _Problem, found: _MountedFit, before: FloatArray, told: str
     return replace(
         estimate,
         parameters=(*(estimate.parameters[k] for k in kept), *own),
-        covariance=tuple(map(tuple, (whole @ np.array(estimate.covariance) @ whole.T).tolist())),
+        covariance=tuple(map(tuple, wider.tolist())),
         settings={**estimate.settings, "mounting": mounting},
         notices=(*estimate.notices, *notices),
     )
@@ -415,7 +423,7 @@ def _describe_gravity(
     spread = away @ covariance[:3, :3] @ away / apart**2 if apart > numerics.CONVERGED else 0.0
     spread = spread or max(float(np.linalg.eigvalsh(across @ covariance[:3, :3] @ across)[-1]), 0.0)
     size = f"its size is {length:.5g} +- {deviation:.2g} m/s^2"
-    if told or deviation <= numerics.CONVERGED * length:
+    if told or _is_stated(length, deviation):
         told = f"found as {told}" if told else "which no motion shows"
         size = f"its size, {told}, is taken as {length:.5g} m/s^2"
     turn = f"gravity is turned by {angle:.4g} +- {np.degrees(np.sqrt(spread)) / length:.2g} degrees"
@@ -428,6 +436,11 @@ def _measure_size(values: FloatArray, covariance: FloatArray) -> tuple[float, fl
     size = float(np.linalg.norm(values[:3]))
     own = values[:3] / size
     return size, float(np.sqrt(max(float(own @ covariance[:3, :3] @ own), 0.0)))
+
+
+def _is_stated(size: float, deviation: float) -> bool:
+    """Return whether the size of gravity was no unknown of the fit."""
+    return deviation <= numerics.CONVERGED * size
 
 
 def _keep_size(directions: FloatArray, gravity: FloatArray) -> FloatArray:

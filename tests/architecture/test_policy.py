@@ -8,10 +8,11 @@ import pytest
 from symid.identification.judge import POLICY
 from tests.architecture.source import PACKAGE
 
-MOST = 156
+MOST = 157
 """Numbers of the rooms of identification and of the verdict: every change lowers them, or says why not.
 
-The search of gravity and zeros has four: states and steps of its differences, a grid and a largest step. The
+The search of gravity and zeros has five: states and steps of its differences, a grid, a largest step, and how
+far gravity differs on Earth. The
 test of laws that are much alike has its number of exchanges.
 """
 POLICY_FILE = PACKAGE / "identification" / "judge" / "policy.py"
