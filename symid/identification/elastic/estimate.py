@@ -336,6 +336,8 @@ def measure_spring_spread(
 ) -> tuple[float, float]:
     """Return the deviation of a spring's torque, rms over the rows, and that of its slope.
 
+    What is left of a row and of one five time constants of the filter later has no noise in common: their
+    mean product is the square of what no value of the spring explains, an error of its torque as well.
     The slope is the largest one, of springs without branches that near zero.
 
     Of every recording, `compute` returns F[torque] (M,) of another spring, `columns` (M, p) are those of the
@@ -352,7 +354,14 @@ def measure_spring_spread(
     owner = np.repeat(np.arange(len(errors)), [len(error) for error in errors])
     scores, _ = sum_block_scores(scaled, np.concatenate(errors), owner, STRETCHES)
     spread = carried @ covariance @ carried.T + inverse @ scores @ inverse
-    torque = float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", scaled, spread, scaled))))
+    apart = round(5.0 * regression.ROWS)
+    shared = np.concatenate([error[apart:] * error[:-apart] for error in errors])
+    lacking = float(shared.mean()) if len(shared) else 0.0
+    # By chance that is as large as the squares over the root of the number of independent rows.
+    squares = float(np.mean(np.concatenate(errors) ** 2))
+    if lacking < POLICY.printed * squares * math.sqrt(regression.ROWS / max(len(shared), 1)):
+        lacking = 0.0
+    torque = float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", scaled, spread, scaled)) + lacking))
     way = slopes / lengths
     # States are filtered, which rounds the corner at a reversal, where the slope is that near zero. Changes
     # by a knee on each side of a torque that small are what noise makes, and in doubt as a whole.

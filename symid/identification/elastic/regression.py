@@ -421,7 +421,7 @@ def build_equations(
     return np.concatenate(columns, axis=2)
 
 
-_ROWS = 8.0
+ROWS = 8.0
 """Rows a time constant of their filter: many times the band that it passes."""
 
 
@@ -476,7 +476,7 @@ def filter_derivative(values: FloatArray, rate: float, period: float) -> FloatAr
 def build_filtered_rows(library: Library, signals: ElasticSignals, rate: float) -> FilteredRows:
     """Return the filtered equations of one recording; rate is lambda in rad/s."""
     period = signals.period
-    keep = slice(signals.settled, None, max(1, int(1.0 / (_ROWS * rate * period) + 1e-9)))
+    keep = slice(signals.settled, None, max(1, int(1.0 / (ROWS * rate * period) + 1e-9)))
     pass_torque = filter_held if signals.hold == "zero" else filter_smooth
     smooth = partial(filter_smooth, rate=rate, period=period)
     slope = partial(filter_derivative, rate=rate, period=period)

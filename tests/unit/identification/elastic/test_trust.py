@@ -218,6 +218,12 @@ def test_deviations_of_torque_and_slope_are_those_of_many_fits():
     )
     assert torque < found[0] < 1.8 * torque
     assert 0.8 * slope < found[1] < 2.5 * slope
+    # What follows the motion, and no value of the spring explains, is an error of its torque, too.
+    lacking = 0.3 * np.cos(1.7 * TIME)
+    more = measure_spring_spread(
+        truth, lambda spring: [follow(spring)], [LEVER[:, None]], [errors + lacking], np.array([[0.02**2]])
+    )
+    assert 0.6 * np.std(lacking) < more[0] < 1.5 * np.std(lacking)
 
 
 @pytest.mark.parametrize(("torque", "added"), [(0.1, 0.008), (2.0, 0.0)])
