@@ -192,7 +192,16 @@ def build_robot(root: Section, file: str) -> Robot:
         notices=notices,
         made_from=made_from,
     )
-    return free_mounting(robot, gravity=unknown, zeros=zeros or ())
+    found, place = (
+        free_mounting(robot, gravity=unknown, zeros=zeros or ()),
+        root.places.locate_value(("gravity",)),
+    )
+    # What is said of the key has its place.
+    told = (
+        replace(note, line=place.line, column=place.column) if note.code == "robot.free-gravity" else note
+        for note in found.notices
+    )
+    return replace(found, notices=tuple(told))
 
 
 def read_body(

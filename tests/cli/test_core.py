@@ -46,7 +46,8 @@ def test_generated_functions_of_standard_parameters(tmp_path):
     assert result["selftest"] == "passed"
     (module,) = folder.glob("*.py")
     text = module.read_text()
-    assert "Standard parameters pi:" in text
+    assert "Standard parameters pi" in text
+    assert "about its frame of the robot file" in text
     assert "pi[9] M1 (kg)" in text
     assert "def torque_regressor(q, dq, ddq" in text
 

@@ -82,7 +82,7 @@ def test_the_export_of_a_wrong_fit_is_refused(fits, tmp_path):
     assert fail("export", "two_link", fits[1], "-o", path, "--accept") == (3, "export.scale")
     more = ("--accept", "--ratio", "1e9")
     assert fail("export", "two_link", fits[1], "-o", path, *more) == (3, "export.cost")
-    answer = do("export", "two_link", fits[1], "-o", path, "--accept", "--limit", "1e6")
+    answer = do("export", "two_link", fits[1], "-o", path, *more, "--limit", "1e6")
     assert answer["warnings"][0]["code"] == "identify.wrong"
     assert path.exists()
 

@@ -103,5 +103,5 @@ def test_what_is_emitted_has_the_counts_of_the_chosen_routes(robot):
 
 
 def test_every_function_of_the_catalogue_has_a_route():
-    assert list(ROUTES) == [spec.name for spec in list_specs(dict.fromkeys("nlbpshz", 1))]
+    assert list(ROUTES) == [spec.name for spec in list_specs(dict.fromkeys("nlbpshzauv", 1))]
     assert len(SEVERAL) > 8

@@ -72,11 +72,28 @@ sigma0 = 1e4
 """
 
 
+PASSIVE = """
+name = "two"
+convention = "modified"
+gravity = [0, -9.81, 0]
+[[joint]]
+name = "a"
+kind = "revolute"
+actuated = false
+[[joint]]
+name = "b"
+kind = "revolute"
+a = 0.4
+"""
+
+
 def test_no_function_of_the_catalogue_is_without_a_type(robot, tmp_path):
     elastic = symid.load("two_link_elastic", backend="python")
     (tmp_path / "one.toml").write_text(BENT)
     bent = symid.load(tmp_path / "one.toml", backend="python")
-    names = {*robot.compile().functions, *elastic.compile().functions, *bent.compile().functions}
+    (tmp_path / "two.toml").write_text(PASSIVE)
+    passive = symid.load(tmp_path / "two.toml", backend="python")
+    names = {name for one in (robot, elastic, bent, passive) for name in one.compile().functions}
     assert names == set(CompiledModel.__annotations__)
 
 

@@ -13,8 +13,8 @@ R, P = JointKind.REVOLUTE, JointKind.PRISMATIC
 def make_robot():
     """Return a builder of robots from kinds, drives and a log map of (columns, unit, factor, side)."""
 
-    def build(kinds=(R, R), gears=(), constants=(), **log):
-        drives = {"gear": gears, "torque_constant": constants}
+    def build(kinds=(R, R), gears=(), constants=(), direct=(), **log):
+        drives = {"gear": gears, "torque_constant": constants, "direct": direct}
         joints = tuple(
             Joint(
                 name=f"joint{index + 1}",

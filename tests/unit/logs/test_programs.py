@@ -179,7 +179,7 @@ def test_texts_of_programs(make_robot, tmp_path, case, packed):
     content = content if isinstance(content, bytes) else content.encode()
     path = tmp_path / (f"{name}.gz" if packed else name)
     path.write_bytes(gzip.compress(content) if packed else content)
-    recording = read_recording(path, make_robot(constants=(1.0, 1.0), **log))
+    recording = read_recording(path, make_robot(constants=(1.0, 1.0), direct=(True, True), **log))
     np.testing.assert_allclose(np.diff(recording.time), np.diff(TIME), atol=1e-6)
     np.testing.assert_allclose(recording.position, Q, atol=1e-7)
     np.testing.assert_allclose(recording.torque, TAU, atol=1e-7)

@@ -216,6 +216,7 @@ IN_ELASTIC_JOINT = [
     ("robot.friction-values", '[joint.friction]\nmodel = "none"\n^smoothing = 0.1', "has no friction"),
 ]
 ELSEWHERE = [
+    ("robot.zeros", 'zeros = ^["nobody"]\n' + HEAD + JOINT, 'expected "unknown" or a list of joints'),
     ("robot.syntax", HEAD + JOINT + "d = ^H\n", 'in quotes: "H"'),
     ("robot.bad-length", (HEAD + JOINT + "a = ^true\n").replace("\n", "\r\n"), "expected a number"),
     ("robot.syntax", "gravity = [0, 0\n^", "TOML: "),
