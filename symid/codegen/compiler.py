@@ -173,8 +173,13 @@ def _kill(process: "subprocess.Popen[str]") -> None:
             os.killpg(process.pid, signal.SIGKILL)
 
 
-def _run_compiler(command: Sequence[str], size: int = 0, running: Processes | None = None) -> str:
-    """Return what a compiler says; `size` is that of its sources in bytes, `running` gets its process."""
+def _run_compiler(
+    command: Sequence[str], size: int = 0, running: Processes | None = None, scratch: Path | None = None
+) -> str:
+    """Return what a compiler says; `size` is that of its sources in bytes, `running` gets its process.
+
+    Its own files between two stages are in the folder `scratch`: who removes that removes them, too.
+    """
     limit = min(_LEAST_TIME + _TIME_A_KILOBYTE * size / 1e3, _MOST_TIME)
     try:
         # A group of its own: a compiler starts others, which must end with it.
@@ -187,7 +192,7 @@ def _run_compiler(command: Sequence[str], size: int = 0, running: Processes | No
             errors="replace",
             process_group=0,
             # A store of objects that machines share may not know which of them "native" meant.
-            env={**os.environ, "CCACHE_DISABLE": "1"},
+            env={**os.environ, "CCACHE_DISABLE": "1", **({"TMPDIR": str(scratch)} if scratch else {})},
         )
         if running is not None:
             running.append(process)
@@ -275,7 +280,7 @@ def compile_sources(compiler: Compiler, sources: Sequence[Path], output: Path) -
         sizes, running = [source.stat().st_size for source in sources], Processes()
         with ThreadPoolExecutor(max_workers=_WORKERS) as pool:
             try:
-                list(pool.map(partial(_run_compiler, running=running), commands, sizes))
+                list(pool.map(partial(_run_compiler, running=running, scratch=scratch), commands, sizes))
             except BaseException:
                 # An interruption, or an error of one of them: nobody waits for the others.
                 pool.shutdown(wait=False, cancel_futures=True)
@@ -283,6 +288,7 @@ def compile_sources(compiler: Compiler, sources: Sequence[Path], output: Path) -
                     _kill(process)
                 raise
         linked = scratch / output.name
-        _run_compiler((compiler.path, "-shared", *map(str, objects), "-o", str(linked), "-lm"), sum(sizes))
+        command = (compiler.path, "-shared", *map(str, objects), "-o", str(linked), "-lm")
+        _run_compiler(command, sum(sizes), scratch=scratch)
         shutil.copyfile(linked, output)
     return output

@@ -14,8 +14,11 @@ from symid.codegen.compiler import Compiler, compile_sources, locate_compiler
 from symid.errors import GenerationError
 from tests.builds import write_program
 
-HANG = '[ "$1" = --version ] && echo cc 1 && exit 0\nsleep 100 & echo $! > {}/pid; wait\nexit 1'
-"""A compiler that answers --version only, and does everything by another process, as GCC does."""
+HANG = """[ "$1" = --version ] && echo cc 1 && exit 0
+: > "${{TMPDIR:-/tmp}}/stage.s"
+sleep 100 & echo $! > {}/pid; wait
+exit 1"""
+"""A compiler that answers --version only; it works by another process and files between stages, as GCC does."""
 
 
 def is_there(pid):
