@@ -18,7 +18,7 @@ HANG = """[ "$1" = --version ] && echo cc 1 && exit 0
 : > "${{TMPDIR:-/tmp}}/stage.s"
 sleep 100 & echo $! > {}/pid; wait
 exit 1"""
-"""A compiler that answers --version only; it works by another process and files between stages, as GCC does."""
+"""A compiler that answers --version only; it works by another process and files in between, as GCC does."""
 
 
 def is_there(pid):
