@@ -198,8 +198,7 @@ def build_robot(root: Section, file: str) -> Robot:
     )
     # What is said of the key has its place.
     told = (
-        replace(note, line=place.line, column=place.column) if note.code == "robot.free-gravity" else note
-        for note in found.notices
+        note if note.line else replace(note, line=place.line, column=place.column) for note in found.notices
     )
     return replace(found, notices=tuple(told))
 
