@@ -192,10 +192,8 @@ def build_robot(root: Section, file: str) -> Robot:
         notices=notices,
         made_from=made_from,
     )
-    found, place = (
-        free_mounting(robot, gravity=unknown, zeros=zeros or ()),
-        root.places.locate_value(("gravity",)),
-    )
+    found = free_mounting(robot, gravity=unknown, zeros=zeros or ())
+    place = root.places.locate_value(("gravity",))
     # What is said of the key has its place.
     told = (
         note if note.line else replace(note, line=place.line, column=place.column) for note in found.notices
