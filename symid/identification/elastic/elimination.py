@@ -191,9 +191,15 @@ def choose_sliding_rows(
 
     Friction near rest is no function of the speed (presliding, Stribeck). The least limit is taken at which
     the estimate agrees with those of all larger ones in all directions (Hausman 1978); weights are those of
-    the largest. It is a share of the joints' RMS speeds, 0 where all rows stay.
+    the largest. It is a share of the joints' RMS speeds, 0 where all rows stay. What a motor that rests
+    in a recording bears by friction is no number: such rows stay where only they identify something.
     """
     blocks = POLICY.folds * POLICY.parts
+    moves = np.bincount(rows.group, rows.slide >= 1) >= blocks
+    awake = rows.select(moves[rows.group])
+    if len(awake.torque) < len(rows.torque):
+        told, left = (np.isfinite(np.diag(fit_band(card, own, known).covariance)) for own in (rows, awake))
+        rows = awake if np.all(left[told]) else rows
     sets = [rows.select(rows.slide >= level) for level in range(len(SHARES) + 1)]
     # A recording that is slow beside the others keeps its rows.
     sizes = [np.bincount(part.group, minlength=int(rows.group.max()) + 1) for part in sets]

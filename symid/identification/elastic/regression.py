@@ -824,13 +824,19 @@ _MANY = 12
 def build_spring_basis(torsion: FloatArray, period: float | None = None) -> FloatArray:
     """Return columns (N, c) of a spring of many stops, the last two its cube and a constant.
 
-    With a `period` in s, columns as of springs with knees and dampers stand behind them.
+    With a `period` in s, columns as of springs with knees, with two sides and with dampers stand behind them.
     """
     grid = 0.5 * float(np.ptp(torsion)) * np.arange(1, _MANY + 1) / (_MANY + 1)
     stops = compute_stop_basis(torsion, grid)
     further = [torsion**3, np.ones_like(torsion)]
     if period is not None:
         part = torsion / max(float(np.max(np.abs(torsion))), numerics.TINY)
-        further += [*(stops.T * np.abs(part)), *(stops.T * part**2), part * np.abs(part), part**5]
+        further += [
+            *(stops.T * np.abs(part)),
+            *(stops.T * part**2),
+            part * np.abs(part),
+            part**5,
+            np.abs(part),
+        ]
         further.append(filter_smooth(torsion, RATE, period))
     return np.column_stack([stops, *further])
