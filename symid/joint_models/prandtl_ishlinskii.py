@@ -141,16 +141,26 @@ def invert_play_model(
     return PlayModel(weights=inverse.weights, thresholds=inverse.thresholds), image
 
 
-def compute_plays(values: FloatArray, thresholds: FloatArray, memory: Memory = None) -> FloatArray:
+def compute_plays(
+    values: FloatArray, thresholds: FloatArray, memory: Memory = None, kept: slice = slice(None)
+) -> FloatArray:
     """Return the plays (N, m) of an input (N,), exactly as sample after sample would give them.
 
     `thresholds` (m,) are not negative, in the unit of the input; `memory` (m,) has the plays before the first
-    sample, None for zeros.
+    sample, None for zeros. Of long inputs only those samples need be filled in that are `kept`.
     """
-    column = np.asarray(values, dtype=np.float64)[:, None]
-    radii = np.asarray(thresholds, dtype=np.float64)
+    whole, radii = np.asarray(values, dtype=np.float64), np.asarray(thresholds, dtype=np.float64)
     state = np.zeros(radii.size) if memory is None else np.asarray(memory, dtype=np.float64)
-    return compute_clamps(column - radii, column + radii, state, find_turns(column[:, 0]))
+    turns = find_turns(whole)
+    ends = whole[turns, None]
+    begun = compute_clamps(ends - radii, ends + radii, state)
+    if len(turns) == len(whole):
+        return np.asarray(begun[kept])
+    # On the way from one turn of the input to the next a play is a clamp of what it was at the former.
+    former = np.repeat(np.arange(len(turns) - 1), np.diff(turns))
+    column, states = whole[kept, None], np.asarray(begun[np.append(0, former)[kept]])
+    np.maximum(column - radii, np.minimum(column + radii, states, out=states), out=states)
+    return states
 
 
 def find_turns(values: FloatArray) -> NDArray[np.intp]:
@@ -198,10 +208,17 @@ def compute_clamps(
     return np.ascontiguousarray(states.transpose(1, 0, 2)).reshape(-1, state.size)[:count]
 
 
-def compute_stop_basis(phi: FloatArray, thresholds: FloatArray) -> FloatArray:
-    """Return [phi, E_1 .. E_m] (N, m + 1); times k0, k_1 .. k_m they are the torque without knees."""
-    phi = np.asarray(phi, dtype=np.float64)[:, None]
-    return np.hstack([phi, phi - compute_plays(phi[:, 0], thresholds)])
+def compute_stop_basis(phi: FloatArray, thresholds: FloatArray, kept: slice = slice(None)) -> FloatArray:
+    """Return [phi, E_1 .. E_m] (N, m + 1); times k0, k_1 .. k_m they are the torque without knees.
+
+    Of those samples that are `kept`.
+    """
+    phi = np.asarray(phi, dtype=np.float64)
+    plays, own = compute_plays(phi, thresholds, kept=kept), phi[kept, None]
+    basis = np.empty((len(own), plays.shape[1] + 1))
+    basis[:, :1] = own
+    np.subtract(own, plays, out=basis[:, 1:])
+    return basis
 
 
 def compute_play_output(model: PlayModel, values: FloatArray, memory: Memory = None) -> FloatArray:

@@ -410,7 +410,7 @@ def estimate_density(values: FloatArray, rate: float, length: int) -> tuple[Floa
     return np.arange(len(power)) * rate / length, power / (len(starts) * rate * np.sum(window**2))
 
 
-_BLOCK = 32768
+_BLOCK = 8192
 """Least samples of a block, without those that settle the filter."""
 _MEMORY_FLOOR = 1e-17
 """Relative rest of a transient that has settled."""

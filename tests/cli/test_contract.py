@@ -218,3 +218,14 @@ def test_json_is_the_only_thing_on_stdout():
 
 def test_a_setting_without_equals_sign_is_refused():
     assert fail("check", "two_link", "--set", "processing.drop_first") == (2, "usage.bad-setting")
+
+
+def test_a_warm_identification_loads_neither_sympy_nor_casadi(log, estimate):
+    """The library is in the cache after the first call; of its imports none is symbolic."""
+    command = [sys.executable, "-X", "importtime", "-m", "symid", "identify", "two_link", str(log)]
+    done = subprocess.run([*command, "--drop-first", "2000"], capture_output=True, text=True, check=False)
+    loaded = {line.rsplit("|", 1)[-1].strip().split(".")[0] for line in done.stderr.splitlines()}
+    assert estimate.exists()
+    assert "verdict" in done.stdout
+    assert {"symid", "numpy"} <= loaded
+    assert not loaded & {"sympy", "casadi"}

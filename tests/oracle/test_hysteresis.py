@@ -174,6 +174,27 @@ def test_v5_plays_and_stops_are_the_same_model():
     assert_near(basis @ weights, compute_hysteresis_torque(SOFT, phi), 1e-14)
 
 
+@pytest.mark.parametrize(
+    "kept", [slice(None), slice(3, None, 7), slice(1, 90, 2), slice(5, 5), slice(-1, None)]
+)
+@pytest.mark.parametrize("memory", [None, (0.2, -0.1)])
+@pytest.mark.parametrize("length", [1, 2, 400])
+def test_plays_of_some_samples_are_those_of_all(kept, memory, length):
+    """Sample after sample, through the definition of a play."""
+    radii, phi = (
+        np.array([0.3, 0.8]),
+        np.repeat(np.cumsum(np.random.default_rng(4).normal(size=200)), 2)[:length],
+    )
+    plays, expected = np.zeros(2) if memory is None else np.array(memory), []
+    for value in phi:
+        plays = np.clip(plays, value - radii, value + radii)
+        expected.append(plays)
+    np.testing.assert_array_equal(compute_plays(phi, radii, memory, kept), np.array(expected)[kept])
+    if memory is None:
+        basis = np.column_stack([phi, phi[:, None] - np.array(expected)])[kept]
+        np.testing.assert_array_equal(compute_stop_basis(phi, radii, kept), basis)
+
+
 def integrate(torque_of, inputs, fine=4000):
     """Return the integral of an output along straight pieces of its input, by the trapezoidal rule."""
     path = np.concatenate([np.linspace(a, b, fine, endpoint=False) for a, b in itertools.pairwise(inputs)])

@@ -498,7 +498,7 @@ def measure_link_friction(library: Library, signals: Sequence[ElasticSignals], b
             rate, speed = (
                 differentiate_smooth(side, part.period) for side in (part.phi, part.theta - part.phi)
             )
-            basis = np.column_stack([build_spring_basis(part.phi, part.period), rate])[part.kept]
+            basis = np.column_stack([build_spring_basis(part.phi, part.kept, part.period), rate[part.kept]])
             whole, torque = np.column_stack([basis, -speed[part.kept]]), part.torque[part.kept]
             weights = solve_scaled(whole, torque, rcond=numerics.RANK)
             before.append(torque - basis @ solve_scaled(basis, torque, rcond=numerics.RANK))
@@ -560,7 +560,8 @@ def _fit_gear(
             if part.cutoff and found:
                 # As the signals were filtered.
                 shapes = pass_band(shapes, part.period, part.cutoff)
-            basis, torque = build_spring_basis(part.phi + shapes @ values)[part.kept], part.torque[part.kept]
+            basis = build_spring_basis(part.phi + shapes @ values, part.kept)
+            torque = part.torque[part.kept]
             weights = solve_scaled(np.hstack([basis, shapes[part.kept]]), torque, rcond=numerics.RANK)
             # Waves are short: the spring answers them with the stiffness it has after a reversal.
             slopes = weights[: basis.shape[1] - 2]
@@ -602,7 +603,7 @@ def measure_eccentricity(library: Library, signals: Sequence[ElasticSignals], be
             errors = []
             for part in rows:
                 wave = size * (values[0] * np.cos(part.theta) + values[1] * np.sin(part.theta))
-                columns = build_spring_basis(part.phi + wave, part.period)[part.kept]
+                columns = build_spring_basis(part.phi + wave, part.kept, part.period)
                 torque = part.torque[part.kept]
                 errors.append(torque - columns @ solve_scaled(columns, torque, rcond=numerics.RANK))
             return errors

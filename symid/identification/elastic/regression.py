@@ -821,22 +821,19 @@ _MANY = 12
 """Stops, of a spring that is none in particular."""
 
 
-def build_spring_basis(torsion: FloatArray, period: float | None = None) -> FloatArray:
-    """Return columns (N, c) of a spring of many stops, the last two its cube and a constant.
+def build_spring_basis(torsion: FloatArray, kept: slice, period: float | None = None) -> FloatArray:
+    """Return columns of a spring of many stops at the samples `kept`, the last two its cube and a constant.
 
     With a `period` in s, columns as of springs with knees, with two sides and with dampers stand behind them.
     """
-    grid = 0.5 * float(np.ptp(torsion)) * np.arange(1, _MANY + 1) / (_MANY + 1)
-    stops = compute_stop_basis(torsion, grid)
-    further = [torsion**3, np.ones_like(torsion)]
+    low, high = float(torsion.min()), float(torsion.max())
+    grid = 0.5 * (high - low) * np.arange(1, _MANY + 1) / (_MANY + 1)
+    # Only plays and the damper need what lies between.
+    stops, own = compute_stop_basis(torsion, grid, kept), torsion[kept]
+    further = [own**3, np.ones_like(own)]
     if period is not None:
-        part = torsion / max(float(np.max(np.abs(torsion))), numerics.TINY)
-        further += [
-            *(stops.T * np.abs(part)),
-            *(stops.T * part**2),
-            part * np.abs(part),
-            part**5,
-            np.abs(part),
-        ]
-        further.append(filter_smooth(torsion, RATE, period))
+        part = own / max(-low, high, numerics.TINY)
+        size = np.abs(part)
+        further += [*(stops.T * size), *(stops.T * part**2), part * size, part**5, size]
+        further.append(filter_smooth(torsion, RATE, period)[kept])
     return np.column_stack([stops, *further])

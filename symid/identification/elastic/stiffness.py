@@ -248,7 +248,7 @@ def _refute_delay(library: Library, recordings: Sequence[Recording], alignment: 
                 if not np.ptp(torsion) > 0.0 or not np.ptp(torque) > 0.0:
                     continue
                 # A damper beside the spring is no delay either.
-                basis = regression.build_spring_basis(torsion - torsion.mean()), rate(torsion)
+                basis = regression.build_spring_basis(torsion - torsion.mean(), slice(None)), rate(torsion)
                 whole = np.column_stack([design[:, joint, bases:], *basis])
                 whole, right = whole[signals.settled :], torque[signals.settled :]
                 left = right - whole @ solve_scaled(whole, right, rcond=numerics.RANK)

@@ -5,7 +5,8 @@ Measured rows Y x = tau, instruments Z (along states without noise) -> Instrumen
     x = (Z' W Y)^-1 Z' W tau,     cov x = s^2 (Z' W Y)^-1 Z' W Z (Y' W Z)^-1,     s^2 = |e|^2_W / (b m - r)
 
 with e = tau - Y x and W the inverse variances of the joints, iterated from e until they converge. Only Q of
-W^(1/2) Z = Q R is needed: x solves Q' W^(1/2) Y x = Q' W^(1/2) tau, as well conditioned as least squares.
+W^(1/2) Z = Q R is needed: x solves Q' W^(1/2) Y x = Q' W^(1/2) tau, as well conditioned as least squares. The
+triangle of each joint's [Z Y tau] stands for its rows there: W is one number for all of them.
 
 With c the least canonical correlation of Y and Z, F = c^2 / (1 - c^2) (b m - r) / r is the smallest statistic
 of the first stage (Cragg and Donald 1993), and 1 / F about the part of the bias of least squares that
@@ -42,14 +43,14 @@ class InstrumentalSolution(FrozenArrays):
     Args:
         fit: its residuals are those of the measured rows.
         identifiability: of Y and Z together.
-        explained: (m, p) Z (Z' W Z)^-1 Z' W Y, the part of Y that instruments explain.
+        matrix: (k, p) Q' W^(1/2) Y, what instruments explain of Y in the frame Q.
         frame: (m, k) Q; gain: (p, k), x = gain Q' W^(1/2) tau.
         correlation: c, from zero to one; strength: F, infinite where Z explains Y wholly.
     """
 
     fit: RegressionFit
     identifiability: Identifiability
-    explained: FloatArray
+    matrix: FloatArray
     frame: FloatArray
     gain: FloatArray
     correlation: float
@@ -88,17 +89,19 @@ def fit_instruments(
         )
         raise _refuse(text, *error.notices, simulated=simulated) from error
     basis = identifiability.basis
-    columns, count = instruments.matrix @ basis, int(basis.shape[1])
-    solve = partial(_solve_stages, rows, columns, basis, simulated=simulated)
+    count = int(basis.shape[1])
+    condensed = regression.condense_weighted(rows, rows.weight, instruments.matrix)
+    solve = partial(_solve_stages, condensed.factors, basis, simulated=simulated)
     weights = iterate_weights(regression.condense_rows(rows), lambda guess: solve(guess)[:2], freedom)
-    values, leverage, gain, factors, frame, matrix = solve(weights)
+    values, leverage, gain, matrix, triangle, correlation = solve(weights)
+    factors = weights[rows.group] * np.sqrt(rows.weight)
+    frame = (instruments.matrix @ basis) * factors[:, None]
+    frame = scipy.linalg.solve_triangular(triangle, frame.T, trans="T", overwrite_b=True).T
     spent, independent = regression.count_freedom(freedom, leverage, rows.independent)
     residuals = rows.values - rows.matrix @ values
     weighted = residuals * factors
     variance = float(weighted @ weighted) / (independent * (len(weighted) - float(spent.sum())))
-    # The least canonical correlation of instruments and columns, and F of the first stage.
-    measured_frame, _ = np.linalg.qr((rows.matrix @ basis) * factors[:, None])
-    correlation = min(1.0, float(np.linalg.svd(frame.T @ measured_frame, compute_uv=False)[count - 1]))
+    # F of the first stage.
     left, strength = 1.0 - correlation**2, np.inf
     if left >= numerics.EXACT:
         strength = correlation**2 / left * (rows.independent * len(rows.values) - count) / count
@@ -133,7 +136,7 @@ def fit_instruments(
     return InstrumentalSolution(
         fit=fit,
         identifiability=identifiability,
-        explained=(frame @ matrix) / factors[:, None],
+        matrix=matrix,
         frame=frame,
         gain=gain,
         correlation=correlation,
@@ -153,12 +156,16 @@ def _refuse(text: str, *reasons: Notice, simulated: bool) -> IdentifiabilityErro
 
 
 def _solve_stages(
-    rows: Rows, instruments: FloatArray, basis: FloatArray, weights: FloatArray, *, simulated: bool
-) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return x (p,), leverage (g,), gain (p, k), row factors (m,), Q (m, k) and Q' W^(1/2) Y (k, p)."""
-    factors = weights[rows.group] * np.sqrt(rows.weight)
-    frame, _ = np.linalg.qr(instruments * factors[:, None])
-    weighted = rows.matrix * factors[:, None]
+    triangles: FloatArray, basis: FloatArray, weights: FloatArray, *, simulated: bool
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, float]:
+    """Return x (p,), leverage (g,), gain (p, k), Q' W^(1/2) Y (k, p), R (k, k), the least correlation.
+
+    `triangles` (g, 2 p + 1, 2 p + 1) are those of [Z Y tau] of every group, `weights` (g,).
+    """
+    size = len(basis)
+    stacked = triangles * weights[:, None, None]
+    weighted = stacked[:, :, size:-1].reshape(-1, size)
+    frame, triangle = np.linalg.qr(stacked[:, :, :size].reshape(-1, size) @ basis)
     matrix = frame.T @ weighted
     left, singular, right = np.linalg.svd(matrix @ basis, full_matrices=False)
     if singular[-1] <= regression.RankRule().singular * singular[0]:
@@ -169,9 +176,12 @@ def _solve_stages(
         raise _refuse(text, simulated=simulated)
     gain: FloatArray = basis @ (right.T / singular) @ left.T
     # The diagonal of W^(1/2) Y times the gain times Q', which takes the measured values to those of the fit.
-    own = np.sum((weighted @ gain) * frame, axis=1)
-    leverage = np.array([own[rows.group == group].sum() for group in range(len(rows.group_names))])
-    return gain @ (frame.T @ (rows.values * factors)), leverage, gain, factors, frame, matrix
+    leverage = np.sum(((weighted @ gain) * frame).reshape(len(weights), -1), axis=1)
+    # The least canonical correlation of instruments and columns.
+    measured, _ = np.linalg.qr(weighted @ basis)
+    correlation = min(1.0, float(np.linalg.svd(frame.T @ measured, compute_uv=False)[-1]))
+    values = gain @ (frame.T @ stacked[:, :, -1].ravel())
+    return values, leverage, gain, matrix, triangle, correlation
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,7 +224,7 @@ def assess_exogeneity(rows: Rows, found: InstrumentalSolution, freedom: str = "b
     usual = fit_weighted(rows, found.identifiability, weights, freedom)
     weighted = (rows.matrix @ basis) * factors[:, None]
     columns, _ = np.linalg.qr(weighted)
-    hidden = ((rows.matrix - found.explained) @ basis) * factors[:, None]
+    hidden = weighted - found.frame @ (found.matrix @ basis)
     hidden = hidden / np.linalg.norm(weighted, axis=0)
     for _ in range(2):  # a second time for what rounding left
         hidden = hidden - columns @ (columns.T @ hidden)

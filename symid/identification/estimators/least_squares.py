@@ -339,13 +339,26 @@ def compute_coloured_covariance(rows: Rows, influence: Influence) -> FloatArray:
         places = np.round((rows.time[own] - time[0]) / step).astype(np.intp)
         count = int(places.max()) + 1
         size = 2 * count
-        table = np.zeros((count, groups, 2 * rank + 2))
-        columns = (influence.scores[own], influence.frame[own], influence.residuals[own], np.ones(len(own)))
-        table[places, rows.group[own]] = np.column_stack(columns)
-        waves = np.fft.rfft(table, n=size, axis=0)
-        scores, frame, errors = waves[..., :rank], waves[..., rank:-2], waves[..., -2]
-        there = np.maximum(table[..., -1].sum(axis=0), 1.0)
-        leverage = np.sum(np.abs(frame) ** 2, axis=2) / there
+        there = np.zeros((count, groups))
+        there[places, rows.group[own]] = 1.0
+        leverage, scores = np.zeros((count + 1, groups)), np.zeros((count + 1, groups, rank), dtype=complex)
+        errors = np.zeros((count + 1, groups), dtype=complex)
+        # Joint by joint, so that no second copy of all equations is made.
+        for group in range(groups):
+            chosen = rows.group[own] == group
+            members, at = own[chosen], places[chosen]
+
+            def transform(values: FloatArray, at: NDArray[np.intp] = at, count: int = count) -> FloatArray:
+                table = np.zeros((count, *values.shape[1:]))
+                table[at] = values
+                return np.asarray(np.fft.rfft(table, n=2 * count, axis=0))
+
+            scores[:, group] = transform(influence.scores[members])
+            alike = influence.frame is influence.scores
+            frame = scores[:, group] if alike else transform(influence.frame[members])
+            leverage[:, group] = np.sum(np.abs(frame) ** 2, axis=1) / max(len(members), 1)
+            errors[:, group] = transform(influence.residuals[members])
+        present = np.fft.rfft(there, n=size, axis=0)
         errors = errors / np.sqrt(1.0 - np.minimum(leverage, _MOST_LEVERAGE))
         # Normed so that white noise of variance one has one; a lag is divided by the pairs of rows it has.
         longest = max(2, round(_LAG * count))
@@ -356,7 +369,7 @@ def compute_coloured_covariance(rows: Rows, influence: Influence) -> FloatArray:
         window = window * np.maximum(1.0 - distance / count, 0.0)
         density = np.zeros((len(errors), groups, groups), dtype=complex)
         for j, k in combinations_with_replacement(range(groups), 2):
-            pairs = np.fft.irfft(waves[:, j, -1] * waves[:, k, -1].conj(), n=size)
+            pairs = np.fft.irfft(present[:, j] * present[:, k].conj(), n=size)
             covariance = np.fft.irfft(errors[:, j] * errors[:, k].conj(), n=size) / np.maximum(pairs, 1.0)
             wave = np.fft.rfft(covariance * window)
             density[:, j, k] = wave
@@ -368,7 +381,8 @@ def compute_coloured_covariance(rows: Rows, influence: Influence) -> FloatArray:
         # Every frequency but the first and the last stands for its negative too.
         double = np.full(len(density), 2.0)
         double[[0, -1]] = 1.0
-        weighted = scores.conj() * double[:, None, None]
-        part = np.einsum("fjr,fjk,fks->rs", weighted, density, scores, optimize=True)
-        total += part.real / size
+        for start in range(0, len(density), numerics.BLOCK):
+            part = slice(start, start + numerics.BLOCK)
+            weighted = (density[part] * double[part, None, None]) @ scores[part]
+            total += np.tensordot(scores[part].conj(), weighted, axes=((0, 1), (0, 1))).real / size
     return np.asarray(influence.left @ total @ influence.left.T)

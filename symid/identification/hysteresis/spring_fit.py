@@ -174,7 +174,7 @@ class SpringData:
         if thresholds is self.thresholds and self.basis:
             return self.basis
         pairs = zip(self.torsions, self.keeps, strict=True)
-        return tuple(thin_samples(compute_stop_basis(phi, thresholds), keep) for phi, keep in pairs)
+        return tuple(compute_stop_basis(phi, thresholds, thin_to(keep)) for phi, keep in pairs)
 
     def rebuild(self, thresholds: FloatArray) -> "SpringData":
         """Return the data with these thresholds (m,) as their grid, so that their basis is at hand."""
@@ -202,7 +202,12 @@ class SpringData:
 
 def thin_samples(values: FloatArray, keep: slice) -> FloatArray:
     """Return the samples of `values` (N, ...) on the grid of `keep`, also those before its start."""
-    return values[keep.start % keep.step :: keep.step]
+    return values[thin_to(keep)]
+
+
+def thin_to(keep: slice) -> slice:
+    """Return the samples on the grid of `keep`, also those before its start."""
+    return slice(keep.start % keep.step, None, keep.step)
 
 
 def filter_smooth(values: FloatArray, rate: float, period: float) -> FloatArray:

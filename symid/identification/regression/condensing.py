@@ -22,7 +22,7 @@ Not supported: logs of different sample rates; rows of windows; weights of recor
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 
@@ -40,7 +40,15 @@ from symid.identification.regression.preparation import (
     measure_moving_ends,
     prepare_states,
 )
-from symid.logs import Recording, cut_recording, differentiate, estimate_density, low_pass, mask_filtered
+from symid.logs import (
+    Recording,
+    States,
+    cut_recording,
+    differentiate,
+    estimate_density,
+    low_pass,
+    mask_filtered,
+)
 from symid.robot import Processing
 
 ROW_RATE = 200.0
@@ -51,9 +59,9 @@ SCORING = 2
 """The level of the scoring band: there are two lower ones, an octave apart."""
 _PIECE = 20.0
 """s, of a long log at a time."""
-_RATE, _TAPS, _TOGETHER = 2.5, 2.0, 64
+_RATE, _TAPS, _HELD = 2.5, 2.0, 0.4
 """Times the cut-off of the positions: rate at which columns are evaluated. Periods of the band on either
-side of a filter's middle; places that are filtered by one product of matrices."""
+side of a filter's middle. Widest band, in cycles a row, that rows hold."""
 ENDS, PART = 0.5, 0.05
 """s, and part of a log, that do not count at either end, where filters extrapolate."""
 
@@ -177,30 +185,62 @@ def balance_cutoff(recordings: Sequence[Recording]) -> float:
     return float(np.median(found)) if found else 0.0
 
 
-def _filter_rows(values: FloatArray, band: float, places: NDArray[np.intp]) -> FloatArray:
-    """Return `values` (N, k), low-passed at `band` cycles a sample, at `places` (T,) of even distances."""
+Source = Callable[[slice], FloatArray]
+"""From some samples to their values (k, c)."""
+
+
+def _filter_bands(
+    source: Source, count: int, bands: Sequence[float], step: int, kept: Sequence[NDArray[np.intp]]
+) -> list[FloatArray]:
+    """Return `count` samples of a source within each band (rising, cycles a sample) at `kept` of its rows.
+
+    Rows are one sample in `step`. A band an octave or more below one that rows hold is taken from these rows:
+    its gain is the product of both, at no frequency more than 0.005 from that of its own filter.
+    """
+    found: list[FloatArray] = []
+    base, held = np.empty((0, 0)), 0.0
+    for band, places in zip(bands[::-1], kept[::-1], strict=True):
+        if 2.0 * band <= held * (1.0 + numerics.CONVERGED):
+            found.append(_filter_rows(base.__getitem__, len(base), band * step, places))
+        elif band * step <= _HELD:
+            base, held = _filter_rows(source, count, band, np.arange(0, count, step)), band
+            found.append(base[places])
+        else:
+            found.append(_filter_rows(source, count, band, places * step))
+    return found[::-1]
+
+
+def _filter_rows(source: Source, count: int, band: float, places: NDArray[np.intp]) -> FloatArray:
+    """Return `count` samples of a source, low-passed at `band` cycles each, at `places` of even distances."""
     half = round(_TAPS / band)
-    if band >= 0.45 or not half:
-        return values[places]
-    half = min(half, len(values) - 1)
+    plain = band >= 0.45 or not half
+    half = 0 if plain else min(half, count - 1)
     # A windowed sinc with gain one at zero.
     taps = np.sinc(2.0 * band * np.arange(-half, half + 1)) * np.hamming(2 * half + 1)
     taps /= np.sum(taps)
     first, step = int(places[0]), int(places[1] - places[0]) if len(places) > 1 else 1
-    # The weights of some neighbouring places are one matrix.
-    weights = np.zeros((_TOGETHER, len(taps) + step * (_TOGETHER - 1)))
+    # The weights of some neighbouring places are one matrix, twice as wide as those of one.
+    together = 1 + min(len(places) - 1, max(1, 2 * half // step))
+    weights = np.zeros((together, len(taps) + step * (together - 1)))
     for place, row in enumerate(weights):
         row[step * place : step * place + len(taps)] = taps
-    # Columns of zeros, of which a regressor has many, stay so.
-    live = np.flatnonzero(values.any(axis=0))
-    padded = np.pad(values[:, live], ((half, half), (0, 0)), mode="reflect", reflect_type="odd")
-    parts = []
-    for start in range(0, len(places), _TOGETHER):
-        count = min(_TOGETHER, len(places) - start)
-        begin, width = first + step * start, len(taps) + step * (count - 1)
-        parts.append(weights[:count, :width] @ padded[begin : begin + width])
-    rows = np.zeros((len(places), values.shape[1]))
-    rows[:, live] = np.concatenate(parts)
+    rows = np.empty((0, 0))
+    # So many places that their samples are a block.
+    most = together * max(1, numerics.BLOCK // (step * together))
+    for start in range(0, len(places), most):
+        begin = first + step * start
+        size = min(most, len(places) - start)
+        low, high = begin - half, begin + step * (size - 1) + half + 1
+        values = source(slice(max(low, 0), min(high, count)))
+        rows = rows if start else np.zeros((len(places), values.shape[1]))
+        # Columns of zeros, of which a regressor has many, stay so.
+        live = np.flatnonzero(values.any(axis=0))
+        ends = max(-low, 0), max(high - count, 0)
+        padded = np.pad(values[:, live], (ends, (0, 0)), mode="reflect", reflect_type="odd")
+        for place in range(0, size, together):
+            own = min(together, size - place)
+            part = padded[step * place : step * (place + own - 1) + len(taps)]
+            rows[start + place : start + place + own, live] = weights[:own, : len(part)] @ part
     return rows
 
 
@@ -250,15 +290,16 @@ class ThinMotion:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Piece:
-    """Rows of a piece of a log: of each level [A y] (t, n, p + 1) at one place in some, [Z y] (T, n, p + 1).
+    """Rows of a piece of a log: of each level [A y] (t, n, p + 1) at one place in some.
 
-    `strides` of the levels' rows; `states` (3, T, n) q, dq and ddq within the scoring band, `tau` (T, n);
-    `wrong` (T, n) rows in which bad samples are noticed; `out` (n,) joints that are left out; `resting` (n,).
+    `slow`: states (T, n) of each level, of which instruments are made; `strides` of the levels' rows;
+    `states` (3, T, n) q, dq and ddq within the scoring band, `tau` (T, n); `wrong` (T, n) rows in which bad
+    samples are noticed; `out` (n,) joints that are left out; `resting` (n,).
     """
 
     run: int
     matrices: tuple[FloatArray, ...]
-    smooths: tuple[FloatArray, ...]
+    slow: tuple[States, ...]
     strides: tuple[int, ...]
     states: FloatArray
     tau: FloatArray
@@ -407,7 +448,7 @@ class CondensedLogs:
         cutoff: float | None,
     ) -> None:
         """Build the rows of all bands, and cut them into blocks."""
-        self.bands, self._width = tuple(bands), len(library.card.fitted)
+        self.bands, self._width, self._library = tuple(bands), len(library.card.fitted), library
         self.period = recordings[0].period * max(1, round(1.0 / (recordings[0].period * ROW_RATE)))
         self._pieces = [
             _build_piece(library, run, recording, processing, bands, cutoff)
@@ -434,8 +475,7 @@ class CondensedLogs:
             | piece.wrong
             for piece in self._pieces
         ]
-        tables = [table for piece in self._pieces for table in (*piece.matrices, *piece.smooths)]
-        acts = np.any([table.any(axis=0) for table in tables], axis=0)
+        acts = np.any([table.any(axis=0) for piece in self._pieces for table in piece.matrices], axis=0)
         self._live = tuple(np.flatnonzero(row[:-1]) for row in acts)
         self.repeats = measure_repetition(recordings[0], bands[SCORING]) if len(recordings) == 1 else 0.0
         log: list[int] = []
@@ -458,7 +498,8 @@ class CondensedLogs:
             log += [piece.run] * count
             fold += [first + place // parts for place in range(count)]
         self.log, self.fold = np.array(log), np.array(fold)
-        self.scores = [self.sum_products(level, level) for level in (SCORING - 1, SCORING)]
+        self._squares: dict[int, tuple[tuple[FloatArray, ...], FloatArray]] = {}
+        self.scores = [self.sum_products([level], level)[0] for level in (SCORING - 1, SCORING)]
         self.torque = np.array([entry[:, 0, -1, -1].sum() for entry in self.scores[1].squares])
         self.torque[np.all([piece.resting for piece in self._pieces], axis=0)] = 0.0
 
@@ -480,38 +521,63 @@ class CondensedLogs:
         """Return the columns (t, n, p) along the thinned motion, which pass the same low-pass as torques."""
         return np.concatenate([piece.matrices[SCORING][:, :, :-1] for piece in self._pieces])
 
-    def sum_products(self, level: int, smooth: int) -> BandSums:
-        """Return the sums of rows of a level, with instruments of a lower one, or of least squares."""
+    def sum_products(self, levels: Sequence[int], smooth: int) -> list[BandSums]:
+        """Return the sums of rows of each level, with instruments of a lower one, or of least squares."""
+        lefts: list[FloatArray] = []
+        if any(level != smooth for level in levels):
+            lefts = [evaluate_columns(self._library, *piece.slow[smooth]) for piece in self._pieces]
+        found = []
+        for level in levels:
+            if level not in self._squares:
+                self._squares[level] = self._cross(level)
+            squares, counts = self._squares[level]
+            stride = self._pieces[0].strides[level]
+            sums = BandSums(
+                products=squares if smooth == level else self._cross(level, lefts)[0],
+                squares=squares,
+                counts=counts,
+                worth=min(1.0, 2.0 * self.bands[level] * self.period * stride),
+                live=self._live,
+                width=self._width,
+            )
+            found.append(sums)
+        return found
+
+    def release(self) -> None:
+        """Forget all rows but those of the scoring band, so that no other sums can be made."""
+        self._squares = {}
+        for place, piece in enumerate(self._pieces):
+            kept = (part if k == SCORING else np.empty(0) for k, part in enumerate(piece.matrices))
+            self._pieces[place] = replace(piece, matrices=tuple(kept), slow=())
+
+    def _cross(
+        self, level: int, lefts: Sequence[FloatArray] = ()
+    ) -> tuple[tuple[FloatArray, ...], FloatArray]:
+        """Return the products (b, c, l, l) of a level's rows with columns (T, n, p), and the rows' counts.
+
+        There is an array of columns for each piece; without any the rows stand on both sides.
+        """
         blocks, classes = len(self.log), self.limits.shape[1]
         products: list[FloatArray] = []
-        squares: list[FloatArray] = []
         counts = np.zeros((len(self._live), blocks, classes))
         for joint, live in enumerate(self._live):
             columns = np.append(live, self._width)
-            crossed, own = np.zeros((2, blocks * classes, len(columns), len(columns)))
-            for piece, block, rest in zip(self._pieces, self._blocks, self._rest, strict=True):
+            table = np.zeros((blocks * classes, len(columns), len(columns)))
+            for place, piece in enumerate(self._pieces):
                 if piece.out[joint]:
                     continue
                 stride, right = piece.strides[level], piece.matrices[level][:, joint][:, columns]
                 speed = np.abs(piece.states[1][::stride, joint])
                 kind = np.searchsorted(self.limits[joint], speed, side="right") - 1
-                cell = np.where(rest[::stride, joint], -1, block[::stride] * classes + kind)
-                counts[joint] += add_products(own, right, right, cell).reshape(blocks, classes)
-                if smooth != level:
-                    add_products(crossed, piece.smooths[smooth][::stride, joint][:, columns], right, cell)
-            for into, part in ((squares, own), (products, own if smooth == level else crossed)):
-                # From a speed upwards.
-                whole = part.reshape(blocks, classes, *part.shape[1:])[:, ::-1]
-                into.append(np.cumsum(whole, axis=1)[:, ::-1])
-        stride = self._pieces[0].strides[level]
-        return BandSums(
-            products=tuple(products),
-            squares=tuple(squares),
-            counts=np.cumsum(counts[..., ::-1], axis=2)[..., ::-1],
-            worth=min(1.0, 2.0 * self.bands[level] * self.period * stride),
-            live=self._live,
-            width=self._width,
-        )
+                cell = self._blocks[place][::stride] * classes + kind
+                cell[self._rest[place][::stride, joint]] = -1
+                left = lefts[place][::stride, joint][:, live] if lefts else right
+                into = table[:, : left.shape[1]]
+                counts[joint] += add_products(into, left, right, cell).reshape(blocks, classes)
+            # From a speed upwards.
+            whole = table.reshape(blocks, classes, *table.shape[1:])[:, ::-1]
+            products.append(np.cumsum(whole, axis=1)[:, ::-1])
+        return tuple(products), np.cumsum(counts[..., ::-1], axis=2)[..., ::-1]
 
     def fit(
         self,
@@ -592,24 +658,28 @@ def _build_piece(  # noqa: PLR0917 - a log and how its rows are made
     signals = prepare_states(library, recording, replace(settings, filter_cutoff=cutoff))
     most = max(1.0, rate / (_RATE * cutoff)) if cutoff else 1.0
     thin = max(k for k in range(1, step + 1) if step % k == 0 and k <= most)
-    columns = evaluate_columns(library, *signals.pick_states(slice(None, None, thin)))
-    count, joints, width = columns.shape
-    columns = columns.reshape(count, -1)
-    matrices, smooths, strides, states, taus = [], [], [], [], []
-    for band in bands:
-        slow = prepare_states(library, recording, replace(settings, filter_cutoff=min(band, 0.4 * rate)))
-        stride = _choose_stride(band, step / rate)
-        matrix = _filter_rows(columns, band / rate * thin, places[::stride] // thin)
-        torque = _filter_rows(signals.tau, band / rate, places)
-        smooth = evaluate_columns(library, *slow.pick_states(places))
-        matrix = matrix.reshape(-1, joints, width)
-        matrices.append(np.concatenate([matrix, torque[::stride, :, None]], axis=2))
-        smooths.append(np.concatenate([smooth, torque[:, :, None]], axis=2))
-        strides.append(stride)
-        states.append(np.stack([slow.q[places], slow.dq[places], slow.ddq[places]]))
-        taus.append(torque)
+
+    def evaluate(part: slice) -> FloatArray:
+        states = signals.pick_states(slice(part.start * thin, part.stop * thin, thin))
+        return evaluate_columns(library, *states).reshape(part.stop - part.start, -1)
+
+    edges, strides = np.array(bands) / rate, [_choose_stride(band, step / rate) for band in bands]
+    kept = [places[::stride] // step for stride in strides]
+    count = -(-samples // thin)
+    matrices = _filter_bands(evaluate, count, (edges * thin).tolist(), step // thin, kept)
+    torques = _filter_bands(
+        signals.tau.__getitem__, samples, edges.tolist(), step, [places // step] * len(bands)
+    )
+    slow, states = [], np.empty(0)
+    for level, band in enumerate(bands):
+        smooth = prepare_states(library, recording, replace(settings, filter_cutoff=min(band, 0.4 * rate)))
+        slow.append(smooth.pick_states(places))
+        if level == SCORING:
+            states = np.stack(slow[-1][:3])
+        values = torques[level][:: strides[level], :, None]
+        matrices[level] = np.concatenate([matrices[level].reshape(*values.shape[:2], -1), values], axis=2)
     friction = np.array([joint.friction != "none" for joint in library.card.joints])
-    wrong = np.zeros(taus[SCORING].shape, dtype=np.bool_)
+    wrong = np.zeros(torques[SCORING].shape, dtype=np.bool_)
     if recording.bad is not None:
         # Within the scoring band, which decides.
         touched = mask_filtered(recording.bad, 0.5 / (bands[SCORING] * recording.period))
@@ -618,10 +688,10 @@ def _build_piece(  # noqa: PLR0917 - a log and how its rows are made
     return _Piece(
         run=run,
         matrices=tuple(matrices),
-        smooths=tuple(smooths),
+        slow=tuple(slow),
         strides=tuple(strides),
-        states=states[SCORING],
-        tau=taus[SCORING],
+        states=states,
+        tau=torques[SCORING],
         wrong=wrong,
         out=resting & friction,
         resting=resting,

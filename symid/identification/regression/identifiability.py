@@ -86,9 +86,12 @@ def condense_rows(rows: Rows) -> Condensed:
     return found
 
 
-def condense_weighted(rows: Rows, weight: FloatArray) -> Condensed:
-    """Return the triangles of the groups with `weight` (m,) in place of the rows' own; 0 leaves a row out."""
-    groups, size = len(rows.group_names), rows.matrix.shape[1] + 1
+def condense_weighted(rows: Rows, weight: FloatArray, *before: FloatArray) -> Condensed:
+    """Return the triangles of the groups with `weight` (m,) in place of the rows' own; 0 leaves a row out.
+
+    More columns (m, k) may stand `before` those of the rows.
+    """
+    groups, size = len(rows.group_names), sum(part.shape[1] for part in (*before, rows.matrix)) + 1
     factors = np.zeros((groups, size, size))
     counts = np.bincount(rows.group[weight != 0.0], minlength=groups).astype(np.intp)
     root = np.sqrt(weight)[:, None]
@@ -97,9 +100,9 @@ def condense_weighted(rows: Rows, weight: FloatArray) -> Condensed:
         # Rows that stand together are taken as a slice, which copies nothing.
         together = len(places) and places[-1] - places[0] + 1 == len(places)
         members = slice(int(places[0]), int(places[-1]) + 1) if together else places
-        matrix, values, scales = rows.matrix[members], rows.values[members], root[members]
-        parts = (slice(start, start + BLOCK) for start in range(0, len(values), BLOCK))
-        blocks = (np.column_stack([matrix[part], values[part]]) * scales[part] for part in parts)
+        own, scales = [part[members] for part in (*before, rows.matrix, rows.values)], root[members]
+        parts = (slice(start, start + BLOCK) for start in range(0, len(scales), BLOCK))
+        blocks = (np.column_stack([entry[part] for entry in own]) * scales[part] for part in parts)
         factors[index] = extend_triangle(factors[index], blocks)
     return Condensed(factors=freeze(factors), counts=counts, independent=rows.independent)
 

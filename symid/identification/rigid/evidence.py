@@ -224,12 +224,8 @@ def list_tests(
     if len(runs) == 1:
         half = logs.fold < 0.5 * (logs.fold.max() + 1)
         compare("halves", "", split(half), grams, find_shared(study, half)[0])
-    level = int(np.argmin(np.abs(np.array(logs.bands) - study.choice.chosen.band)))
-    if level > 1:
-        smooth = study.choice.chosen.instruments or study.choice.chosen.band
-        lower = min(int(np.argmin(np.abs(np.array(logs.bands) - smooth))), level - 1)
-        narrow = logs.fit(logs.sum_products(level - 1, lower), study.classes)
-        compare("band", "", (study.fit, narrow), grams)
+    if study.narrow is not None:
+        compare("band", "", (study.fit, logs.fit(study.narrow, study.classes)), grams)
     last = logs.limits.shape[1] - 1
     if last:
         every, fast = (logs.fit(study.sums, [share] * count, None, study.fit.weights) for share in (0, last))

@@ -220,9 +220,8 @@ def fit_in_memory(
         fit = estimators.fit_rows(plan.estimator, built, identifiability, freedom, options)
         influence = estimators.measure_influence(built, identifiability.basis, fit.weights, fit.residuals)
     else:
-        found = estimators.fit_instruments(
-            built, regression.select_rows(instruments, kept), rule, freedom, simulated=False
-        )
+        instruments = regression.select_rows(instruments, kept)
+        found = estimators.fit_instruments(built, instruments, rule, freedom, simulated=False)
         fit, identifiability = found.fit, found.identifiability
         influence = estimators.Influence(
             left=found.gain, scores=found.frame, frame=found.frame, residuals=fit.residuals * fit.weights

@@ -49,13 +49,15 @@ class SettingsStudy:
     """Settings taken, and what they are judged by.
 
     Args:
-        logs: condensed; sums: of the pair of bands taken; classes: (n,) of speed from which rows are used.
+        logs: condensed, without their rows; classes: (n,) of speed from which rows are used.
+        sums: of the pair of bands taken; narrow: of rows of the band below, None where there is none.
         fit: with these.
         choice: what was tried; cutoff: Hz, of the positions; differences: as in `Processing`.
     """
 
     logs: CondensedLogs
     sums: BandSums
+    narrow: BandSums | None
     classes: tuple[int, ...]
     fit: BlockFit
     choice: SettingsChoice
@@ -122,7 +124,7 @@ def choose_settings(
         alike = len({recording.velocity is None for recording in recordings}) == 1
         everywhere = (name for name in STATES if all(has_states(recording, name) for recording in recordings))
         usable = [name for name in everywhere if alike or name == "position"]
-    best: tuple[CondensedLogs, BandTrial] | None = None
+    best: tuple[CondensedLogs, BandTrial, BandSums | None] | None = None
     candidates, place = list[Candidate](), 0
     for states in usable:
         logs = CondensedLogs(library, recordings, replace(processing, states=states), bands, cutoff)
@@ -133,11 +135,13 @@ def choose_settings(
             chance.p_of_all < judge.POLICY.caution
             and chance.fall_of_all > (1.0 + judge.POLICY.relevance) ** 2
         ):
-            best, place = (logs, trials[taken]), len(candidates) + taken
+            narrow = _find_narrow(logs, trials, trials[taken])
+            best, place = (logs, trials[taken], narrow), len(candidates) + taken
+        logs.release()
         candidates += found
     if best is None:
         raise IdentifiabilityError(Notice(code="identify.nothing", text="the logs have no states to fit"))
-    logs, trial = best
+    logs, trial, narrow = best
     moving |= "standstill" not in processing.left_open
     classes = _choose_classes(library, logs, trial, moving=moving)
     fit = logs.fit(trial.sums, classes)
@@ -148,6 +152,7 @@ def choose_settings(
     return SettingsStudy(
         logs=logs,
         sums=trial.sums,
+        narrow=narrow,
         classes=classes,
         fit=fit,
         choice=choice,
@@ -158,17 +163,30 @@ def choose_settings(
 
 def _fit_trials(logs: CondensedLogs, instruments: tuple[bool, ...], *, stated: bool) -> list[BandTrial]:
     """Return the fits of all pairs of bands, slow rows left out; a stated band is the last one."""
-    last, found = len(logs.bands) - 1, []
-    for level in range(last if stated else 1, last + 1):
-        for smooth in range(1, level + 1):
-            if (smooth < level) in instruments or (level, smooth) == (last, last):
-                sums = logs.sum_products(level, smooth)
-                # Slow rows neither fit nor count: friction there may be another.
-                share = logs.limits.shape[1] - 1
-                fit = logs.fit(sums, [share] * len(logs.limits))
-                found.append(BandTrial(level, smooth, sums, fit, logs.measure_losses(fit, share)))
+    last, found = len(logs.bands) - 1, list[BandTrial]()
+    # Slow rows neither fit nor count: friction there may be another.
+    share = logs.limits.shape[1] - 1
+    for smooth in range(1, last + 1):
+        levels = [
+            level
+            for level in range(max(smooth, last if stated else 1), last + 1)
+            if (smooth < level) in instruments or (level, smooth) == (last, last)
+        ]
+        for level, sums in zip(levels, logs.sum_products(levels, smooth), strict=True):
+            fit = logs.fit(sums, [share] * len(logs.limits))
+            found.append(BandTrial(level, smooth, sums, fit, logs.measure_losses(fit, share)))
+    found.sort(key=lambda trial: (trial.level, trial.smooth))
     wanted = [trial for trial in found if (trial.smooth < trial.level) in instruments]
     return wanted or found
+
+
+def _find_narrow(logs: CondensedLogs, trials: Sequence[BandTrial], taken: BandTrial) -> BandSums | None:
+    """Return the sums of rows of the band below that of a trial, with its instruments; None at the lowest."""
+    pair = taken.level - 1, min(taken.smooth, taken.level - 1)
+    if not pair[0]:
+        return None
+    known = [trial.sums for trial in trials if (trial.level, trial.smooth) == pair]
+    return known[0] if known else logs.sum_products([pair[0]], pair[1])[0]
 
 
 def _measure_share(losses: FloatArray) -> float:

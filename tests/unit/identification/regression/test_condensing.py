@@ -16,6 +16,7 @@ from symid.identification.regression import (
     measure_scoring_band,
 )
 from symid.identification.regression.condensing import measure_left, measure_repetition, pick_pieces
+from symid.identification.regression.equations import evaluate_columns
 from symid.logs.recording import Recording
 from symid.robot.description import Processing
 from tests.unit.identification.rigid.two_link_logs import LIBRARY, record
@@ -122,7 +123,7 @@ def build_logs(*seeds, **options):
 def test_fits_without_a_fold_are_those_of_its_rows(seeds, level, smooth, share):
     """Each row of a piece, its block and its speed, through NumPy alone."""
     logs = build_logs(*seeds)
-    sums = logs.sum_products(level, smooth)
+    sums = logs.sum_products([level], smooth)[0]
     found = logs.fit(sums, [share, share])
     left, right, fold, runs = [], [], [], []
     for piece, block, rest in zip(logs._pieces, logs._blocks, logs._rest, strict=True):
@@ -132,8 +133,8 @@ def test_fits_without_a_fold_are_those_of_its_rows(seeds, level, smooth, share):
             kept = (speed >= logs.limits[joint, share]) & ~rest[::stride, joint]
             root = np.sqrt(found.weights[joint])
             rows = piece.matrices[level][:, joint][kept] * root
-            along = piece.smooths[smooth][::stride, joint][kept] * root
-            left.append(along if smooth < level else rows)
+            smooth_rows = evaluate_columns(LIBRARY, *piece.slow[smooth])[::stride, joint][kept] * root
+            left.append(smooth_rows if smooth < level else rows[:, :-1])
             right.append(rows)
             fold.append(logs.fold[block[::stride][kept]])
             runs.append(np.full(kept.sum(), piece.run))
@@ -144,7 +145,7 @@ def test_fits_without_a_fold_are_those_of_its_rows(seeds, level, smooth, share):
         assert all(len(np.unique(runs[fold == place])) == 1 for place in range(6))
 
     def fit(kept):
-        z, rows = left[kept, :-1], right[kept]
+        z, rows = left[kept], right[kept]
         return np.linalg.solve(z.T @ rows[:, :-1], z.T @ rows[:, -1])
 
     np.testing.assert_allclose(found.values, fit(fold >= 0), rtol=1e-5, atol=1e-6)
@@ -154,7 +155,7 @@ def test_fits_without_a_fold_are_those_of_its_rows(seeds, level, smooth, share):
 
 def test_losses_are_squares_of_rows_that_were_held_out():
     logs = build_logs(0)
-    fit = logs.fit(logs.sum_products(3, 3), [0, 0])
+    fit = logs.fit(logs.sum_products([3], 3)[0], [0, 0])
     losses, expected = logs.measure_losses(fit), np.zeros((len(logs.log), 2))
     (piece,), (block,), (rest,) = logs._pieces, logs._blocks, logs._rest
     for level in (1, 2):
@@ -310,5 +311,37 @@ def test_rows_are_a_windowed_ideal_low_pass_at_their_places(band, step):
         taps = firwin(2 * half + 1, 2.0 * band)
         padded = np.pad(values, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")
         expected = np.column_stack([np.convolve(column, taps, mode="valid") for column in padded.T])
-    found = condensing._filter_rows(values, band, places)
+    found = condensing._filter_rows(values.__getitem__, len(values), band, places)
     np.testing.assert_allclose(found, expected[places], atol=1e-13)
+
+
+@pytest.mark.parametrize("step", [1, 4])
+@pytest.mark.parametrize("above", [1, 2, 3])
+def test_lower_bands_come_from_rows_of_a_higher_one(step, above):
+    """A sine is damped by what its own filter damps it, to 0.005 of its amplitude, at every frequency."""
+    bands = [0.08 / step * 0.5**k for k in range(above, -1, -1)]
+    time, inner = np.arange(6000), np.arange(2000 // step, 4000 // step)
+    for frequency in np.array([0.0, 0.3, 0.9, 1.0, 1.1, 1.3, 1.8]) * bands[0]:
+        values = np.cos(2.0 * np.pi * frequency * (time - 3000))[:, None]
+        kept = [inner] * len(bands)
+        found = condensing._filter_bands(values.__getitem__, 6000, bands, step, kept)
+        for band, rows in zip(bands, found, strict=True):
+            alone = condensing._filter_rows(values.__getitem__, 6000, band, inner * step)
+            np.testing.assert_allclose(rows, alone, atol=0.005)
+
+
+def test_a_band_that_rows_do_not_hold_is_taken_from_all_samples():
+    values, places = np.random.default_rng(0).normal(size=(3000, 2)), np.arange(100, 500)
+    found = condensing._filter_bands(values.__getitem__, 3000, [0.15, 0.3], 5, [places, places])
+    for band, rows in zip((0.15, 0.3), found, strict=True):
+        own = condensing._filter_rows(values.__getitem__, 3000, band, 5 * places)
+        np.testing.assert_array_equal(rows, own)
+
+
+def test_released_logs_keep_rows_of_the_scoring_band_alone():
+    logs = build_logs(0)
+    columns, losses = logs.columns, logs.measure_losses(logs.fit(logs.scores[1], [0, 0]))
+    logs.release()
+    np.testing.assert_array_equal(logs.columns, columns)
+    np.testing.assert_array_equal(logs.measure_losses(logs.fit(logs.scores[1], [0, 0])), losses)
+    assert logs._pieces[0].matrices[3].size == 0
