@@ -153,14 +153,18 @@ def build_robot(root: Section, file: str) -> Robot:
     log, processing, controller = read_settings(root, joints)
     settings = read_named_settings(root, joints)
     made_from = None
-    if (table := root.read_table("made_from", ("file", "sha256", "base", "tip", "snap"))) is not None:
+    if (
+        table := root.read_table("made_from", ("file", "sha256", "base", "tip", "snap", "xacro"))
+    ) is not None:
         given = [table.require(key, f'write {key} = "..."') for key in ("file", "sha256")]
         origin, digest, base, tip = (table.read_text(key) for key in ("file", "sha256", "base", "tip"))
         snap = table.read_float("snap", "rad", NOT_NEGATIVE) or 0.0
         if all(given) and origin is not None and digest is not None:
             # Named as seen from the folder of the robot file.
             path = str(Path(file).parent / origin)
-            made_from = SourceFile(file=path, sha256=digest, base=base, tip=tip, snap=snap)
+            inner = table.read_table("xacro")
+            xacro = () if inner is None else tuple((key, inner.read_text(key) or "") for key in inner.values)
+            made_from = SourceFile(file=path, sha256=digest, base=base, tip=tip, snap=snap, xacro=xacro)
     name = root.read_text("name")
     if name is not None and not _NAME.fullmatch(name):
         text = f"{root.show('name')} cannot name functions; use letters, digits and _, a letter first"
