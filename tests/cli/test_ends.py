@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 from symid.environment import require_memory
-from tests.calls import call
+from tests.calls import call, fail
 
 WORK = """import os, sys, symid.cli.main as main
 def run(arguments):
@@ -73,8 +73,8 @@ def test_memory_that_nobody_has_is_refused(monkeypatch):
         raise MemoryError
 
     monkeypatch.setattr("symid.robot.loading.load_robot", raise_it)
-    code, _, err = call("check", "two_link")
-    assert code == 5
+    assert fail("check", "two_link") == (5, "symid.memory")
+    _, _, err = call("check", "two_link")
     assert err.startswith("error: memory ran out")
 
 
