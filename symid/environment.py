@@ -8,6 +8,7 @@ Not supported: linear algebra that is loaded already; a package imported from in
 
 import contextlib
 import errno
+import mmap
 import os
 import shutil
 import tempfile
@@ -200,6 +201,53 @@ array and asked for again are half of the time of a fit."""
 def limit_to_one_thread() -> None:
     """Set the variables for this process and those that it starts."""
     os.environ |= dict.fromkeys(THREAD_VARIABLES, "1")
+
+
+_ALGEBRA_MEMORY = 80
+"""MB of address space: OpenBLAS takes 33 for each of its two copies at its first work."""
+_MOST_ARENAS = -8
+"""M_ARENA_MAX of the C library."""
+
+
+def find_memory_limit() -> int | None:
+    """Return the limit of this process's address space in MB (`ulimit -v`), None where there is none."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    return None if limit == resource.RLIM_INFINITY else limit >> 20
+
+
+def require_memory(megabytes: int) -> None:
+    """Raise MemoryError if so much is not left, before C code that hangs without it."""
+    try:
+        mmap.mmap(-1, megabytes << 20, flags=mmap.MAP_PRIVATE | mmap.MAP_ANONYMOUS).close()
+    except OSError as error:
+        text = f"{megabytes} MB more are needed"
+        raise MemoryError(text) from error
+
+
+def secure_linear_algebra() -> None:
+    """Have linear algebra take its memory now, in a process of limited memory.
+
+    Where OpenBLAS finds none later it ends the process, or tries for ever. A thread otherwise reserves
+    64 MB of address space for what it allocates.
+
+    Raises:
+        MemoryError, ImportError: there is too little of it.
+    """
+    import ctypes
+
+    with contextlib.suppress(AttributeError):
+        ctypes.CDLL(None).mallopt(_MOST_ARENAS, 1)
+    import numpy as np
+    from scipy import linalg
+
+    require_memory(_ALGEBRA_MEMORY)
+    # Products of small matrices need no buffers.
+    unit = np.eye(256)
+    _ = unit @ unit, linalg.blas.dgemm(1.0, unit, unit)
 
 
 _WORTH_SAYING = 2.0

@@ -20,7 +20,7 @@ from symid.arrays import FloatArray
 from symid.environment import write_file
 from symid.errors import LogError, Notice, UsageError
 from symid.identification import hysteresis as elements
-from symid.notation import UNITS
+from symid.notation import UNITS, get_unit_factor
 from symid.options import HysteresisOptions, Target
 from symid.serialization import describe_record
 
@@ -34,6 +34,7 @@ class Columns(  # noqa: SLOT002 - names and units are beside the tuple, so that 
     Attributes:
         x: input; y: output; t: time in s, or None.
         names, units: of input and output; units are "" where the file states none.
+        notices: what was done to read the file.
 
     Example:
         >>> import symid
@@ -44,12 +45,13 @@ class Columns(  # noqa: SLOT002 - names and units are beside the tuple, so that 
 
     names: tuple[str, str] = ("input", "output")
     units: tuple[str, str] = ("", "")
+    notices: tuple[Notice, ...] = ()
 
 
 def read_columns(
     path: str | PathLike[str], *, x: str | None = None, y: str | None = None, t: str | None = None
 ) -> Columns:
-    r"""Return input, output and time of a file, in the units of the file.
+    r"""Return input and output of a file in its units, and the time in s.
 
     Args:
         path: csv, txt, npz, mat or hdf5.
@@ -90,8 +92,17 @@ def read_columns(
         raise LogError(*mistakes)
     if x is None or y is None:
         raise UsageError(*unnamed)
-    found = Columns(columns[x], columns[y], None if t is None else columns[t])
-    found.names, found.units = (x, y), (units[x], units[y])
+    # Times in ms, or us, as the file states them; without a unit they are seconds.
+    unit = (units[t] if t else "") or "s"
+    try:
+        kind, rate = get_unit_factor(unit)
+    except KeyError:
+        kind, rate = "", 1.0
+    if kind != "time":
+        text = f"column {t!r} of the time has the unit {unit}, which is none of time; write s, ms or us"
+        raise LogError(Notice(code="log.time-unit", text=text, file=str(file), line=raw.line))
+    found = Columns(columns[x], columns[y], None if t is None else columns[t] * rate)
+    found.names, found.units, found.notices = (x, y), (units[x], units[y]), raw.notices
     return found
 
 

@@ -547,6 +547,7 @@ def load(
     tip: str | None = None,
     snap: float | None = None,
     xacro: Mapping[str, str] | Sequence[str] = (),
+    include_outside: bool = False,
     convention: str | None = None,
     gravity: robots.Vector | None = None,
     zeros: str | Sequence[str] | None = None,
@@ -567,6 +568,7 @@ def load(
             default 1e-5, and more for angles of few digits (1.57) where base parameters would hang on these;
             a note says what it changes. 0 moves nothing.
         xacro: arguments of a xacro file: their values by name, or texts such as "prefix:=left_".
+        include_outside: for an MJCF model: read files that it includes from other folders than its own, too.
         convention: for a table of rows: "modified" or "standard" Denavit-Hartenberg; it is never guessed.
         gravity: in the base frame, m/s^2, in place of the file's, or "unknown": `identify` finds it.
         zeros: joints whose zeros `identify` finds, by name, or "unknown" for all.
@@ -585,7 +587,7 @@ def load(
     check_value("backend", backend, words(*BACKENDS))
     replaced = api_logs.list_pairs(settings), friction
     given: dict[str, Any] = {"base": base, "tip": tip, "convention": convention, "gravity": gravity}
-    given |= {"xacro": xacro, "zeros": zeros}
+    given |= {"xacro": xacro, "include_outside": include_outside, "zeros": zeros}
     read = partial(robots.load_robot, fspath(robot), *replaced, **given)
     described = read(snap=snap)
     if snap is None and any(notice.code in _ROUNDED for notice in described.notices):

@@ -10,8 +10,8 @@ An answer that is not acceptable, such as a gate missed or a verdict "wrong", ha
 its result. Of warnings the three most important ones are printed, then notes, then errors; -v and --json
 give all.
 
-Exit codes: 0 ok, 1 result not acceptable, 2 usage, 3 input wrong, 4 nothing identifiable, 5 solver failed,
-70 a bug in symid, 74 the output could not be written, 130 interrupted.
+Exit codes: 0 ok, 1 result not acceptable, 2 usage, 3 input wrong, 4 nothing identifiable, 5 solver failed or
+memory ran out, 70 a bug in symid, 74 the output could not be written, 130 interrupted.
 """
 
 import contextlib
@@ -19,6 +19,7 @@ import errno
 import importlib
 import os
 import re
+import signal
 import sys
 import time
 import traceback
@@ -30,7 +31,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from symid import __version__
-from symid.environment import show_path
+from symid.environment import find_memory_limit, secure_linear_algebra, show_path
 from symid.errors import MOST_WARNINGS, Notice, SymidError, list_notice_lines, sort_notices
 from symid.serialization import write_json
 
@@ -167,6 +168,7 @@ _FILES = {
 """File of each verb, in the order in which verbs are used; it is imported when one of them is called."""
 VERBS = tuple(_FILES)
 EXIT_USAGE = 2
+EXIT_MEMORY = 5
 EXIT_BUG = 70
 EXIT_STREAM = 74
 EXIT_INTERRUPTED = 130
@@ -226,6 +228,8 @@ def _answer(arguments: Sequence[str]) -> int:
     verbose = bool(flags & {"-v", "--verbose"})
     console = Console(quiet=quiet, verbose=verbose and not (quiet or as_json))
     try:
+        if find_memory_limit() is not None and not {"-h", "--help", "--version"} & {*arguments}:
+            secure_linear_algebra()
         answer = symid.main(args=list(arguments), prog_name="symid", standalone_mode=False, obj=console)
         if not isinstance(answer, Answer):
             # --help and --version print for themselves and return their exit code.
@@ -244,6 +248,8 @@ def _answer(arguments: Sequence[str]) -> int:
         print_errors([Notice(code="usage.call", text=error.format_message() + hint)], as_json=as_json)
         return EXIT_USAGE
     except SymidError as error:
+        if error.exit_code == EXIT_BUG and find_memory_limit() is not None:
+            return _explain_shortage(str(error), as_json=as_json)
         print_errors(error.notices, as_json=as_json)
         return error.exit_code
     except Exception as error:  # noqa: BLE001  the last line before the user
@@ -251,11 +257,39 @@ def _answer(arguments: Sequence[str]) -> int:
             return _explain_stream(error)
         if verbose:
             click.echo("".join(traceback.format_exception(error)), err=True, nl=False)
+        if isinstance(error, MemoryError) or find_memory_limit() is not None:
+            return _explain_shortage(f"{type(error).__name__}: {error}", as_json=as_json)
         hint = "" if verbose else "; call again with -v for the traceback, and report it"
         text = f"this is a bug in symid, not in your files: {type(error).__name__}: {error}{hint}"
         print_errors([Notice(code="symid.bug", text=text)], as_json=as_json)
         return EXIT_BUG
     return answer.exit_code
+
+
+def _explain_shortage(reason: str, *, as_json: bool) -> int:
+    """Report in one line that memory ran out, or may have: C code fails in many ways without it."""
+    limit = find_memory_limit()
+    if limit is None:
+        text = f"memory ran out ({reason}); end other programs, or give less data"
+    else:
+        text = f"too little memory: ulimit -v allows {limit} MB of address space, allow more ({reason})"
+    print_errors([Notice(code="symid.memory", text=" ".join(text.split()))], as_json=as_json)
+    return EXIT_MEMORY
+
+
+def explain_crash(arguments: Sequence[str], code: int) -> int:
+    """Report in one line how a process that did the work ended without an answer, and return the exit code.
+
+    `code` is its own, or minus the number of the signal that ended it.
+    """
+    as_json = "--json" in _take_flags(arguments)
+    reason = f"ended by {signal.Signals(-code).name}" if code < 0 else f"ended with {code}"
+    # The system kills a process by SIGKILL when its memory runs out.
+    if code == -signal.SIGKILL or find_memory_limit() is not None:
+        return _explain_shortage(reason, as_json=as_json)
+    text = f"this is a bug in symid, not in your files: {reason}; report it"
+    print_errors([Notice(code="symid.bug", text=text)], as_json=as_json)
+    return EXIT_BUG
 
 
 def _explain_stream(error: OSError) -> int:

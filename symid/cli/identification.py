@@ -14,7 +14,7 @@ from symid.cli import options as cli
 from symid.cli.call import Answer, Console, answer_saved, make_answer
 from symid.environment import show_path
 from symid.errors import Notice, UsageError
-from symid.options import FleetOptions, HysteresisOptions, PayloadOptions, list_options
+from symid.options import FleetOptions, HysteresisOptions, LogOptions, PayloadOptions, list_options
 
 
 @cli.verb("identify")
@@ -149,6 +149,7 @@ def _check_mixed(options: Mapping[str, object], rows: str | None) -> None:
     multiple=True,
     required=True,
 )
+@cli.record_options(LogOptions)
 @cli.record_options(PayloadOptions)
 @cli.OUTPUT(
     "--for controller",
@@ -171,6 +172,7 @@ def payload_command(
     empty: tuple[Path, ...],
     controller: str | None,
     frame: str | None,
+    sample_rate: float | None,
     output: Path | None,
     page: Path | None,
     force: bool,
@@ -184,7 +186,8 @@ def payload_command(
     if frame is not None and controller is None:
         text = "--frame is the flange of a controller; name that by --for, or leave --frame out"
         raise UsageError(Notice(code="usage.payload-frame", text=text))
-    model = robot.load(console)
+    settings = None if sample_rate is None else {"log.sample_rate": repr(sample_rate)}
+    model = robot.load(console, settings=settings)
     cli.check_output(output, page, force=force, inputs=(model.path, *loaded, *empty))
     found = model.payload(loaded, empty, **options)
     if controller is None:
@@ -261,11 +264,12 @@ def hysteresis_command(
         train, test = parts[0] if parts else None, pairs[0][1]
     cli.check_output(save, page, force=force, inputs=(file, validate, into))
     pair = None if own is None else (own[0], own[1])
-    tried, title = None, validate
+    tried, title, notices = None, validate, tuple[Notice, ...]()
     if saved:
         fit = symid.hysteresis.load(file)
     else:
         columns = _read_columns(file, names)
+        notices = columns.notices
         console.progress("fitting elements")
         fit = symid.hysteresis.fit(
             *columns,
@@ -279,7 +283,8 @@ def hysteresis_command(
         if test is not None and validate is None:
             tried, title = fit.validate(*columns, test=test), file
     if validate is not None:
-        tried = fit.validate(*_read_columns(validate, names), test=test)
+        other = _read_columns(validate, names)
+        tried, notices = fit.validate(*other, test=test), (*notices, *other.notices)
     lines = [] if tried is None else [f"{title}:\n{tried.to_text()}"]
     lines += [] if save is None else [f"fit: {show_path(fit.save(save))}"]
     lines += [] if page is None else [f"page: {show_path(fit.report(page))}"]
@@ -292,7 +297,7 @@ def hysteresis_command(
         )
         lines.append(made.to_text())
         added["code"] = made.to_dict()
-    return make_answer(fit, *lines, **added).add([] if tried is None else [tried])
+    return make_answer(fit, *lines, notices=notices, **added).add([] if tried is None else [tried])
 
 
 def _read_columns(file: Path, names: Mapping[str, str | None]) -> "symid.hysteresis.Columns":

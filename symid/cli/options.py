@@ -21,6 +21,7 @@ from symid.cli.call import Answer, Console
 from symid.environment import show_path
 from symid.errors import Notice, OutputError, UsageError
 from symid.options import (
+    FLAG,
     FOUND,
     TEXT,
     DraftOptions,
@@ -246,6 +247,9 @@ class NamedRobot(Options):
         Kind(name="text", many=True),
         "NAME:=VALUE",
     )
+    include_outside: bool = option(
+        False, "MJCF: read included files from other folders than the model's, too.", "Input", FLAG
+    )
     gravity: str | None = share(DraftOptions, "gravity")
     zeros: str | None = option(
         None,
@@ -351,7 +355,7 @@ def add_page(answer: Answer, result: Given, page: Path | None, **options: object
     return replace(answer, text=text, result={**answer.result, "page": page})
 
 
-_READING = ("base", "tip", "snap", "xacro", "gravity", "zeros")
+_READING = ("base", "tip", "snap", "xacro", "include_outside", "gravity", "zeros")
 backend_option = record_options(NamedRobot, "backend")
 
 

@@ -338,6 +338,7 @@ class SourceFile:
     Args:
         file: its path; sha256: of its text, in hexadecimal digits.
         base, tip: the links that it was cut at, None for none; snap: as of `read_xml_robot`, rad.
+        xacro: arguments that a xacro file was expanded with, name and value.
     """
 
     file: str
@@ -345,6 +346,7 @@ class SourceFile:
     base: str | None = None
     tip: str | None = None
     snap: float = 0.0
+    xacro: tuple[tuple[str, str], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

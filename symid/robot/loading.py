@@ -287,6 +287,7 @@ def load_robot(
     tip: str | None = None,
     snap: float | None = None,
     xacro: Mapping[str, str] | Sequence[str] = (),
+    include_outside: bool = False,
     convention: str | None = None,
     gravity: Vector | None = None,
     zeros: str | Sequence[str] | None = None,
@@ -301,6 +302,7 @@ def load_robot(
         tip: the link or body to end at.
         snap: angle in rad within which rotations of a URDF or MJCF become multiples of pi/2.
         xacro: arguments of a xacro file, by name, or texts such as "prefix:=left_".
+        include_outside: read files that an MJCF model includes from other folders than its own.
         convention: of a table of rows, "modified" or "standard"; it is never guessed.
         gravity: in the base frame, m/s^2, or "unknown", in place of the file's.
         zeros: joints whose zeros a fit is to find, by name, or "unknown" for all.
@@ -321,7 +323,9 @@ def load_robot(
         from symid.robot.urdf_reader import DEFAULT_SNAP
 
         nearest = DEFAULT_SNAP if snap is None else snap
-        robot = read_xml_robot(path, base=base, tip=tip, snap=nearest, xacro=_list_arguments(xacro))
+        given = _list_arguments(xacro)
+        ends = {"base": base, "tip": tip}
+        robot = read_xml_robot(path, **ends, snap=nearest, xacro=given, outside=include_outside)
         return override_settings(state_mounting(robot, gravity, zeros), settings, friction)
     for option, value in (("base", base), ("tip", tip), ("snap", snap)):
         if value is not None:

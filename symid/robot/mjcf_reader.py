@@ -8,12 +8,14 @@ without a joint a part of the body that carries it; from there on the model is r
 Supported: angles in degrees (the format's own unit) or rad; quat, axisangle, euler in any sequence, xyaxes,
 zaxis; nested classes; frames, included files; inertias of primitive geoms (sphere, capsule, cylinder,
 ellipsoid, box) from their mass or density, solid; hinges and slides with range, damping, frictionloss,
-armature, stiffness; gears and forces of actuators at joints; followers (<equality><joint>, linear); fixed
-tendons with armature, damping or frictionloss, as coupled drives; gravity.
-Not supported, and refused: free and ball joints in the chosen part, <connect>, <weld>, equalities of tendons,
-curved followers, armature and damping of actuators, <attach>, <replicate>, <composite>, <flexcomp>, plugins
-of bodies, inertias of meshes, height fields and shells, polynomial springs and dampers, `springdamper`,
-corrections of the compiler (balanceinertia, boundmass, boundinertia, settotalmass), where they change values.
+armature, stiffness; gears and forces of actuators at joints; followers (<equality>, linear, of joints, or of
+fixed tendons that hold one joint to one other); fixed tendons with armature, damping or frictionloss, as
+coupled drives; gravity.
+Not supported, and refused: free and ball joints in the chosen part, <connect>, <weld>, equalities of more
+joints, curved followers, armature and damping of actuators, <attach>, <replicate>, <composite>, <flexcomp>,
+plugins of bodies, inertias of meshes, height fields and shells, polynomial springs and dampers,
+`springdamper`, corrections of the compiler (balanceinertia, boundmass, boundinertia, settotalmass), where
+they change values.
 Not in the model, and said in a warning: forces of a medium, gravcomp, springs of tendons, spatial tendons
 with mechanics, flags that switch forces off.
 """
@@ -24,6 +26,7 @@ from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -52,6 +55,8 @@ _COUNTS = {"quat": 4, "axisangle": 4, "euler": 3, "xyaxes": 6, "zaxis": 3}
 _TURNS = {"x": geometry.rotate_x, "y": geometry.rotate_y, "z": geometry.rotate_z}
 _ANGLES = ("radian", "degree")
 _ROUNDED = 1e-9
+# Rad between a multiple of pi/2 and what was written with three digits, such as 1.57 or 0.707.
+_SEEN_AS_ROUNDED = 1e-3
 _HINGE, _SLIDE = "hinge", "slide"
 _JOINTS = (_HINGE, _SLIDE, "ball", "free")
 # xx xy xz yy yz zz, from the order of the format: xx yy zz xy xz yz.
@@ -188,6 +193,10 @@ def read_rotation(part: urdf_parts.XmlPart) -> geometry.Placement:
 def _build_angle(part: urdf_parts.XmlPart, radians: float, attribute: str) -> geometry.Angle:
     angle = geometry.build_exact_angle(radians, snap=part.reading.snap)
     _tell_snap(part, angle.snapped_by, attribute)
+    quarter = round(radians / (math.pi / 2)) * (math.pi / 2)
+    if quarter and _ROUNDED < abs(radians - quarter) < _SEEN_AS_ROUNDED and not angle.snapped_by:
+        text = f"{attribute} holds rounded multiples of pi/2 that are taken as written, of bodies {{}}"
+        part.group("robot.angle-rounded", text, attribute=attribute)
     return angle
 
 
@@ -387,6 +396,7 @@ def read_xml_robot(
     tip: str | None = None,
     snap: float = DEFAULT_SNAP,
     xacro: Mapping[str, str] | None = None,
+    outside: bool = False,
 ) -> Robot:
     """Return the robot that the URDF or MJCF model at `path` describes; its outermost element says which.
 
@@ -397,13 +407,15 @@ def read_xml_robot(
             last moving link, its frame becomes that link's `Joint.frame`.
         snap: angle in rad within which rotations are moved to multiples of pi/2; zero turns that off.
         xacro: arguments of a xacro file, by name; others have their defaults.
+        outside: read files that a model includes from other folders than its own.
 
     Raises:
         RobotError: with a notice for each mistake in the file, in the order of their places.
     """
     source = read_urdf_text(path, arguments=xacro)
-    robot = parse_xml_robot(source.text, source.file, base=base, tip=tip, snap=snap)
-    made = robot.made_from and replace(robot.made_from, file=str(path))
+    robot = parse_xml_robot(source.text, source.file, base=base, tip=tip, snap=snap, outside=outside)
+    given = tuple((xacro or {}).items())
+    made = robot.made_from and replace(robot.made_from, file=str(path), xacro=given)
     return replace(robot, path=str(path), notices=(*source.notices, *robot.notices), made_from=made)
 
 
@@ -414,11 +426,12 @@ def parse_xml_robot(
     base: str | None = None,
     tip: str | None = None,
     snap: float = DEFAULT_SNAP,
+    outside: bool = True,
 ) -> Robot:
     """Return the robot of a text that messages call `file`, or raise all mistakes. See `read_xml_robot`."""
     document = parse_document(text, file)
     if document.root.tag in _ROOTS:
-        return assemble_model(read_model(document, snap), base, tip)
+        return assemble_model(read_model(document, snap, outside=outside), base, tip)
     return assemble_robot(*read_urdf(document, snap), base, tip)
 
 
@@ -447,7 +460,9 @@ def assemble_model(reading: urdf_parts.TreeReading, base: str | None, tip: str |
     return assemble_robot(reading, complete, base, tip, gravity)
 
 
-def read_model(document: XmlDocument, snap: float = DEFAULT_SNAP) -> urdf_parts.TreeReading:
+def read_model(
+    document: XmlDocument, snap: float = DEFAULT_SNAP, *, outside: bool = True
+) -> urdf_parts.TreeReading:
     """Return a model with bodies as links, and mistakes; a RobotError tells of an included file not read."""
     reading = urdf_parts.TreeReading(document=document, snap=snap)
     root = document.root
@@ -461,6 +476,12 @@ def read_model(document: XmlDocument, snap: float = DEFAULT_SNAP) -> urdf_parts.
             if not name or str(path) in (document.file, *document.included):
                 text = f'<include file="{show(name)}"/>: a file is included once' if name else "needs a file"
                 raise RobotError(document.locate_place(place).notice("robot.mjcf-include", text))
+            if not outside and not path.resolve().is_relative_to(Path(document.file).parent.resolve()):
+                text = (
+                    f'<include file="{show(name)}"/>: it is not in the folder of the model; if you trust it, '
+                )
+                text += "allow it by --include-outside (include_outside=True)"
+                raise RobotError(document.locate_place(place, "file").notice("robot.mjcf-include", text))
             if not path.is_file():
                 text = f'<include file="{show(name)}"/>: there is no {path}, in the folder of the model'
                 raise RobotError(document.locate_place(place, "file").notice("robot.mjcf-include", text))
@@ -478,8 +499,7 @@ def read_model(document: XmlDocument, snap: float = DEFAULT_SNAP) -> urdf_parts.
     reading = replace(reading, settings=read_settings(reading, compilers))
     read_classes(reading, list(root.find_all("default")))
     _read_bodies(reading)
-    _read_equality(reading)
-    _read_tendons(reading)
+    _read_equality(reading, _read_tendons(reading))
     _read_actuators(reading)
     return reading
 
@@ -599,40 +619,57 @@ def _list_entries(reading: urdf_parts.TreeReading, section: str) -> Iterator[Xml
         yield from element.children
 
 
-def _read_equality(reading: urdf_parts.TreeReading) -> None:
-    """Add the followers."""
+def _read_equality(reading: urdf_parts.TreeReading, tendons: Mapping[str, Mapping[str, Fraction]]) -> None:
+    """Add the followers; `tendons` are the factors of the joints of each fixed tendon."""
     for element in _list_entries(reading, "equality"):
         own = reading.enter(element, f"equality '{element.attributes.get('name', '')}'", "equality")
         if own.read_word("active", "true") == "false":
             _skip(reading, element, f"<{element.tag}> that is not active")
             continue
-        if element.tag != "joint":
+        if element.tag not in ("joint", "tendon"):
             text = f"<{element.tag}> closes a loop, which is not supported; remove it, or write"
             own.refuse("robot.closed-loop", f'{text} active="false"')
             continue
-        follower = own.read_name("joint1", reading.joints)
-        master = own.read_name("joint2", reading.joints) if own.has("joint2") else None
         numbers = own.read_numbers("polycoef", 1, 5)
         shift, factor, *curved = (*numbers, *map(Decimal, (0, 1, 0, 0, 0)[len(numbers) :]))
         if any(curved):
             text = "polycoef: a joint follows another one by c0 + c1 x; leave out the terms of higher order"
             own.refuse("robot.mjcf-unsupported", text, "polycoef")
-        if follower is None or (master is None and own.has("joint2")):
+        # sum of k (q - ref) = c0, of one joint or tendon less c1 times another one.
+        terms: dict[str, Fraction] = {}
+        known: Mapping[str, Any] = reading.joints if element.tag == "joint" else tendons
+        ends = [(f"{element.tag}1", Fraction(1))]
+        ends += [(f"{element.tag}2", -Fraction(factor))] if own.has(f"{element.tag}2") else []
+        names = [own.read_name(key, known) for key, _ in ends]
+        for name, (_, sign) in zip(names, ends, strict=True):
+            parts = {} if name is None else {name: Fraction(1)} if element.tag == "joint" else tendons[name]
+            for joint, share in parts.items():
+                terms[joint] = terms.get(joint, Fraction(0)) + sign * share
+        joints = [joint for joint, share in terms.items() if share]
+        free = [joint for joint in joints if joint not in reading.steps]
+        if None in names:
             continue
-        if follower in reading.steps:
-            text = f"joint '{follower}' follows another one already; keep one of the constraints"
-            own.refuse("robot.two-forms", text, "joint1")
-            continue
-        # joint1 - ref1 = c0 + c1 (joint2 - ref2)
-        factor = factor if master else Decimal(0)
-        offset = reading.joints[follower].zero + geometry.Exact.surd(Fraction(shift))
-        if master:
-            offset = offset - geometry.Exact.of(Fraction(factor)) * reading.joints[master].zero
-        reading.steps[follower] = MimicStep(master=master, multiplier=Fraction(factor), offset=offset)
+        if not 1 <= len(joints) <= 2:
+            text = (
+                f"it holds {len(joints)} joints to each other; one joint can follow one other; remove it, or"
+            )
+            own.refuse("robot.closed-loop", f'{text} write active="false"')
+        elif not free or (element.tag == "joint" and joints[0] not in free):
+            text = f"joint '{joints[0]}' follows another one already; keep one of the constraints"
+            own.refuse("robot.two-forms", text, f"{element.tag}1")
+        else:
+            follower = free[0]
+            master = next((joint for joint in joints if joint != follower), None)
+            factor_of_master = -terms[master] / terms[follower] if master else Fraction(0)
+            offset = geometry.Exact.surd(Fraction(shift) / terms[follower]) + reading.joints[follower].zero
+            if master:
+                offset = offset - geometry.Exact.of(factor_of_master) * reading.joints[master].zero
+            reading.steps[follower] = MimicStep(master=master, multiplier=factor_of_master, offset=offset)
 
 
-def _read_tendons(reading: urdf_parts.TreeReading) -> None:
-    """Add the drives that turn with several joints."""
+def _read_tendons(reading: urdf_parts.TreeReading) -> dict[str, dict[str, Fraction]]:
+    """Add the drives that turn with several joints; return the factors of all fixed tendons."""
+    found: dict[str, dict[str, Fraction]] = {}
     names = [element.attributes.get("name") for element in _list_entries(reading, "tendon")]
     for number, element in enumerate(_list_entries(reading, "tendon"), start=1):
         name = element.attributes.get("name") or f"tendon{number}"
@@ -653,11 +690,13 @@ def _read_tendons(reading: urdf_parts.TreeReading) -> None:
         terms = [own.enter(child) for child in element.find_all("joint")]
         pairs = [(term.read_name("joint", reading.joints), term.read_decimal("coef")) for term in terms]
         factors = tuple((joint, Fraction(factor)) for joint, factor in pairs if joint and factor)
+        found[name] = dict(factors)
         if not rotor and not friction.values:
             _skip(reading, element, "<fixed> tendon without mechanics")
             continue
         drive = Coupling(name=name, terms=(), has_rotor=rotor > 0, rotor_inertia=rotor or None)
         reading.couplings.append((replace(drive, friction=friction), own, factors))
+    return found
 
 
 def _read_actuators(reading: urdf_parts.TreeReading) -> None:

@@ -15,7 +15,8 @@ Supported in tables: commas, semicolons, tabs; comments from # to the end of a l
 as pi/2, or in degrees under `alpha_deg`; lengths in m, or in mm under `a_mm`; `q` for a joint's variable,
 also with a constant as in `q - pi/2`. A joint without kind is revolute where q stands under theta, prismatic
 under d. A cell may stand in double quotes, as spreadsheets write them; a quote inside is doubled.
-Not supported there: trees, symbols, decimal commas, cells of several lines.
+Lines such as d1 = 0.4 give letters their values, in SI units.
+Not supported there: trees, letters in mm, decimal commas, cells of several lines.
 """
 
 import re
@@ -108,6 +109,7 @@ _COLUMNS: dict[str, tuple[str, Decimal | str | None]] = {
 _QUOTED = re.compile(r'"(?:[^"]|"")*"')
 _HEADER = "joint,kind,alpha,a,d,theta"
 _VARIABLE = re.compile(r"q\d*\s*(?P<rest>[-+].*)?")
+_LETTER = re.compile(r"([A-Za-z_]\w*)\s*=\s*([^=]*?)[\s,;]*")
 _DECIMAL = re.compile(r"[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]{1,3})?")
 _IMPLIED = {"theta": "revolute", "d": "prismatic"}
 
@@ -153,14 +155,18 @@ def build_robot(root: Section, file: str) -> Robot:
     log, processing, controller = read_settings(root, joints)
     settings = read_named_settings(root, joints)
     made_from = None
-    if (table := root.read_table("made_from", ("file", "sha256", "base", "tip", "snap"))) is not None:
+    if (
+        table := root.read_table("made_from", ("file", "sha256", "base", "tip", "snap", "xacro"))
+    ) is not None:
         given = [table.require(key, f'write {key} = "..."') for key in ("file", "sha256")]
         origin, digest, base, tip = (table.read_text(key) for key in ("file", "sha256", "base", "tip"))
         snap = table.read_float("snap", "rad", NOT_NEGATIVE) or 0.0
         if all(given) and origin is not None and digest is not None:
             # Named as seen from the folder of the robot file.
             path = str(Path(file).parent / origin)
-            made_from = SourceFile(file=path, sha256=digest, base=base, tip=tip, snap=snap)
+            inner = table.read_table("xacro")
+            xacro = () if inner is None else tuple((key, inner.read_text(key) or "") for key in inner.values)
+            made_from = SourceFile(file=path, sha256=digest, base=base, tip=tip, snap=snap, xacro=xacro)
     name = root.read_text("name")
     if name is not None and not _NAME.fullmatch(name):
         text = f"{root.show('name')} cannot name functions; use letters, digits and _, a letter first"
@@ -422,7 +428,11 @@ def parse_dh_table(
     places: dict[KeyPath, Place] = {}
     start = Place(file, 1, 1)
     joints: list[dict[str, Any]] = []
-    values = {"convention": convention, "gravity": [Decimal(value) for value in gravity], "joint": joints}
+    letters: dict[str, Any] = {}
+    values: dict[str, Any] = {"convention": convention, "joint": joints}
+    values |= {"gravity": [Decimal(value) for value in gravity]} | (
+        {"symbols": letters} if "=" in text else {}
+    )
     root = Section(values=values, places=Places(keys=places, values=places, whole=start))
     # The cells of every line that holds more than a comment, each with its text and place.
     lines, separator = list[list[Place]](), ""
@@ -430,6 +440,10 @@ def parse_dh_table(
         # What stands in quotes is masked, so that separators and # in it are none.
         masked = _QUOTED.sub(lambda match: "x" * len(match[0]), line).partition("#")[0]
         if not masked.strip():
+            continue
+        if match := _LETTER.fullmatch(masked.strip()):
+            letters[match[1]] = Decimal(match[2]) if _DECIMAL.fullmatch(match[2]) else match[2]
+            places["symbols", match[1]] = Place(file, number, 1, match[0])
             continue
         separator = separator or max((",", ";", "\t"), key=masked.count)
         cells, column = list[Place](), 0
@@ -499,12 +513,13 @@ def _read_row(
             value = f"{number:f} deg" if unit == "deg" else number
             value = number * unit if isinstance(unit, Decimal) else value
         form = parse_linear_form(value) if isinstance(value, str) and key in ("a", "d") else ZERO
-        if form is not None and form.is_number:
+        stated = root.get("symbols") or {}
+        if form is not None and (form.is_number or (unit is None and set(form.symbols) <= {*stated})):
             joint[key] = value
         else:
             comma = "; decimals have a point, not a comma" if "," in cell.text else ""
-            words = f'{key}: expected a number, got "{_unquote(cell)}"{comma}; symbols need a robot file, as '
-            words += "symid new FILE --from two_link_symbols copies one"
+            words = f'{key}: expected a number, got "{_unquote(cell)}"{comma}; a letter needs a value in '
+            words += "a line of its own below the rows, such as d1 = 0.4 (m), and a column without mm"
             root.errors.append(cell.notice("robot.bad-length", words))
     # The kind that the variable implies, or what does not agree.
     text, place = "", cells[0]

@@ -159,6 +159,9 @@ def _list_source(made: SourceFile, folder: Path | None) -> Iterator[str]:
     links = {"base": made.base, "tip": made.tip}
     yield from (f"{key} = {write_value(link)}" for key, link in links.items() if link)
     yield f"snap = {write_number(made.snap)}"
+    if made.xacro:
+        pairs = (f"{write_key(name)} = {write_value(value)}" for name, value in made.xacro)
+        yield f"xacro = {{ {', '.join(pairs)} }}"
 
 
 def _write_joint(robot: Robot, index: int, placed: dict[str, str], *, hints: bool) -> Iterator[str]:

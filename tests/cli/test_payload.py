@@ -144,6 +144,23 @@ def test_logs_give_the_payload(logs, options):
     assert "payload.refused" in list_codes(answer)
 
 
+def test_logs_without_times_need_their_sample_rate(logs, tmp_path):
+    times = {}
+    for name in ("loaded1", "empty1"):
+        columns = dict(np.load(logs / f"{name}.npz"))
+        time = next(key for key in columns if key.startswith("t") and columns[key].ndim == 1)
+        times[name] = columns.pop(time)
+        np.savez(tmp_path / f"{name}.npz", **columns)
+    rate = round(1.0 / np.diff(times["loaded1"]).mean())
+    call = ("payload", "two_link", tmp_path / "loaded1.npz", "--empty", tmp_path / "empty1.npz")
+    assert fail(*call)[0] == 3
+    answer = do(*call, "--sample-rate", rate)
+    with_times = do("payload", "two_link", logs / "loaded1.npz", "--empty", logs / "empty1.npz")
+    masses = [found["result"]["quantities"][0]["value"] for found in (answer, with_times)]
+    assert masses[0] == pytest.approx(masses[1], rel=1e-6)
+    assert "log.sample-rate" in list_codes(answer)
+
+
 def test_calls_that_cannot_be_answered(arm, logs, tmp_path):
     folder, _ = arm
     robot, loaded, empty = folder / "arm.toml", folder / "loaded.json", folder / "empty.json"

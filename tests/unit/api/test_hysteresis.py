@@ -11,7 +11,7 @@ from symid import joint_models
 from symid.cli.main import run
 from symid.errors import EstimateError, LogError, UsageError
 from symid.notation import HYSTERESIS_MODELS, UNITS
-from tests.calls import say
+from tests.calls import call, say
 from tests.elements import ELEMENTS
 from tests.hysteresis_truths import make_dahl, make_input, make_stops, measure
 from tests.refusals import raises
@@ -396,3 +396,23 @@ def test_parts_are_fitted_and_tested(recording, tmp_path, capsys):
     assert "force (N)" in page
     assert run([*words, "--force", "--train", "0:60%", "--test", "50%:"]) == 2
     assert "overlaps" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("unit", "rate"), [("ms", 1e3), ("us", 1e6), ("s", 1.0), ("msec", 1e3), ("min", 1 / 60)]
+)
+def test_times_of_a_file_are_read_in_seconds(recording, tmp_path, unit, rate):
+    t, x, y = recording
+    table = [f"time [{unit}];x [rad];y [N m]"]
+    rows = zip((t * rate).tolist(), x.tolist(), y.tolist(), strict=True)
+    table += [";".join(map(str, row)).replace(".", ",") for row in rows]
+    path = tmp_path / "element.csv"
+    path.write_text("\n".join(table), encoding="utf-8")
+    columns = symid.hysteresis.read_columns(path, x="x", y="y", t="time")
+    np.testing.assert_allclose(columns.t, t, rtol=1e-12)
+    assert [notice.code for notice in columns.notices] == ["log.layout"]
+    path.write_text("\n".join(table).replace(f"[{unit}]", "[rad]"), encoding="utf-8")
+    with raises(LogError, "log.time-unit"):
+        symid.hysteresis.read_columns(path, x="x", y="y", t="time")
+    said = call("hysteresis", path, "--input", "x", "--output", "y", "--model", "dahl")[2]
+    assert "semicolons between columns" in said

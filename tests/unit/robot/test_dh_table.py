@@ -2,6 +2,7 @@
 
 import pytest
 
+from symid.errors import RobotError
 from symid.robot.description import JointKind
 from symid.robot.geometry import Exact
 from symid.robot.toml_reader import parse_dh_table, parse_robot, read_dh_table
@@ -75,7 +76,7 @@ MISTAKES = [
     ("robot.table-row", HEAD + "^one,,0,0,0,0\n", "neither q"),
     ("robot.table-row", HEAD + "one,,^q,0,0,0\n", "q under alpha"),
     ("robot.table-row", HEAD + "one,prismatic,0,0,0,^q\n", 'kind is "prismatic"'),
-    ("robot.bad-length", HEAD + "one,,0,^L1,0,q\n", 'got "L1"; symbols'),
+    ("robot.bad-length", HEAD + "one,,0,^L1,0,q\n", 'got "L1"; a letter'),
     ("robot.bad-length", "alpha;a;d;theta\n0;^0,5;0;q\n", 'got "0,5"; decimals'),
     ("robot.bad-angle", HEAD + "one,,^pi half,0,0,q\n", "got pi half"),
     ("robot.bad-choice", HEAD + "one,^revolut,0,0,0,0\n", "did you mean revolute?"),
@@ -96,3 +97,18 @@ def test_what_stands_in_quotes_separates_nothing():
     assert parse_dh_table(table, "modified").joints[0].name == 'the "first", #1'
     (notice,) = refuse(parse_dh_table, 'joint,alpha,a,d,theta\n"a, b",0, "x" ,0,q\n', "modified")
     assert (notice.line, notice.column) == (2, 11)
+
+
+@pytest.mark.parametrize(
+    "letters", ["d1 = 0.4\na2=0.3", "a2 = 3e-1,,,,\n# below\nd1 = .4 # m", "d1 = 0.40;\na2 = 0.3;"]
+)
+def test_letters_of_a_table_stay_symbols_with_values(letters):
+    text = f"joint,alpha,a,d,theta\n1,0,0,d1,q1\n2,pi/2,2*a2,0.1 - d1,q2\n{letters}\n"
+    robot = parse_dh_table(text, "modified")
+    assert dict(robot.symbols) == {"d1": 0.4, "a2": 0.3}
+    first, second = (joint.placement for joint in robot.joints)
+    assert first.translation[2] == Exact.symbol("d1")
+    assert second.translation[0] == Exact.symbol("a2") + Exact.symbol("a2")
+    for wrong in (text.replace("d1 = ", "d3 = ").replace("d1=", "d3="), text.replace(",d,", ",d_mm,")):
+        with pytest.raises(RobotError, match="a letter needs a value"):
+            parse_dh_table(wrong, "modified")

@@ -4,6 +4,7 @@ import pytest
 
 import symid
 from symid.errors import RobotError, UsageError
+from symid.identification.export import place_in_source
 from symid.robot.mjcf_reader import parse_xml_robot
 
 LIMIT = '<limit lower="-1" upper="1" effort="10" velocity="10"/>'
@@ -107,6 +108,25 @@ def test_xacro_arguments(tmp_path):
     plain.write_text(ARM.format(links="", own="", others=write_wheel()))
     with pytest.raises(UsageError, match="only a xacro file"):
         symid.load(plain, xacro={"a": "b"})
+
+
+@pytest.mark.parametrize(
+    "given", [{"prefix": "left_", "length": "0.5"}, {"length": "0.75"}, {"prefix": "b_"}]
+)
+def test_an_export_has_the_arguments_of_the_xacro_file(tmp_path, given):
+    pytest.importorskip("xacro", reason="wants the extra xacro")
+    path = tmp_path / "arm.xacro"
+    path.write_text(XACRO)
+    robot = symid.load(path, tip="hand", xacro=given)
+    (tmp_path / "kept").mkdir()
+    copy = symid.load(robot.export(tmp_path / "kept" / "arm.toml").file)
+    assert dict(copy.description.made_from.xacro) == given
+    for made in (robot.description.made_from, copy.description.made_from):
+        _, back, notices = place_in_source(robot.description, made, in_place=False)
+        assert notices == []
+        assert [joint.name for joint in back.joints] == [joint.name for joint in robot.description.joints]
+        length = float(given.get("length", 0.2))
+        assert back.joints[1].placement.translation[0].to_float() == pytest.approx(length)
 
 
 TOML = """name = "m"

@@ -36,7 +36,7 @@ UNSUPPORTED, LOOP = "robot.mjcf-unsupported", "robot.closed-loop"
 IN_MODEL = [
     (LOOP, '<equality>^<connect body1="a" body2="c" anchor="0 0 0"/></equality>', 'write active="false"'),
     (LOOP, '<equality>^<weld body1="a" body2="c"/></equality>', "closes a loop"),
-    (LOOP, '<equality>^<tendon tendon1="t"/></equality>', "closes a loop"),
+    (LOOP, '<equality>^<flex flex="t"/></equality>', "closes a loop"),
     (UNSUPPORTED, ask("joint", 'polycoef="^0 1 0.5"'), "leave out the terms of higher order"),
     ("robot.unknown-name", '<equality><joint joint1="k" joint2="^jj"/></equality>', 'no joint2 "jj"'),
     ("robot.missing-key", '<equality>^<joint joint2="j"/></equality>', 'write joint1="..."'),
