@@ -284,7 +284,7 @@ def warn_of_load_gain(gain: LoadGain | None) -> tuple[Notice, ...]:
         return ()
     text = (
         f"{gain.value:.4g} +- {gain.deviation:.2g} times the measured load explains the torque of the motor "
-        "best, where 1 is expected; friction takes the difference. Check the factors of [log.load] and "
+        "best, where 1 is expected; friction absorbs the difference. Check the factors of [log.load] and "
         "[log.torque], torque constants and gear ratios, and whether friction depends on the load"
     )
     return (Notice(code="friction.load-gain", text=text),)
@@ -399,7 +399,7 @@ def mask_fast(
                 reach *= 0.5
     lost, whole = np.bincount(rows.group[slow]), np.bincount(rows.group)
     texts = (
-        f"joint {rows.group_names[group]!r}: {lost[group]} of {whole[group]} rows slower than "
+        f"joint {rows.group_names[group]!r}: {lost[group]} of {whole[group]} samples slower than "
         f"processing.standstill = {limits[group]:g}{beside} were left out of the fit"
         for group in np.flatnonzero(lost)
     )
@@ -422,7 +422,7 @@ def leave_out_rows(
         return rows
     texts = (
         f"joint {joints[joint].name!r} does not move in this log: dry friction or a brake may hold any "
-        "torque, so its rows were left out"
+        "torque, so its samples were left out"
         for joint in held
     )
     notices = (Notice(code=JOINT_AT_REST, text=text, file=file) for text in texts)
