@@ -144,7 +144,7 @@ def _list_mistakes(joint: JointFriction) -> list[str]:
         mistakes.append("velocity_map.cloud_velocity is empty")
     numbers = (*estimate.linear, *estimate.shape, *curve.cloud_velocity, *curve.cloud_torque)
     if not all(map(math.isfinite, numbers)):
-        mistakes.append("values of the law or of measured rows are not numbers")
+        mistakes.append("values of the law or of samples are not numbers")
     chosen = joint.selection and joint.selection.chosen
     if joint.selection and chosen not in {trial.law for trial in joint.selection.trials}:
         mistakes.append(f"selection.chosen {chosen!r} is not one of the laws tried")

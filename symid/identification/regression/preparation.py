@@ -122,8 +122,8 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
     noisy = factor > usual.decimation.factor
     bands = ", ".join(f"{limit:.3g}" if limit else "-" for limit in clean)
     text = (
-        f"filter chosen from the logs: positions pass a low-pass at {chosen.filter_cutoff:g} Hz, and one row "
-        f"in {factor} is kept (band up to {whole / factor:.3g} Hz, limited by the "
+        f"filter chosen from the logs: positions pass a low-pass at {chosen.filter_cutoff:g} Hz, and one "
+        f"sample in {factor} is kept (band up to {whole / factor:.3g} Hz, limited by the "
         f"{'noise' if noisy else 'rate'}; noise is below {100.0 * POLICY.relevance:g} % of the "
         f"accelerations up to {bands} Hz, joint by joint). To set them, state filter_cutoff and decimation "
         "under [processing]"
