@@ -329,6 +329,7 @@ class StiffnessVerdict(Enum):
     BELOW_NOISE = "the torsion that gravity explains is smaller than the residual"
     INCONSISTENT = "the runs contradict each other"
     UNCERTAIN = "poorly identifiable: the interval includes a rigid joint"
+    VAGUE = UNCERTAIN  # Its name in files of earlier versions.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
