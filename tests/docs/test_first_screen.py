@@ -10,7 +10,7 @@ import pytest
 from click import Context, Group
 
 from symid.cli.call import symid
-from tests.pages import DOCS, list_blocks
+from tests.pages import DOCS
 from tests.transcripts import compare, run_step
 
 PROJECT = DOCS.parent
@@ -45,7 +45,7 @@ def find_options(text):
 def read_first(text):
     """Return the commands and the answer of the first two blocks."""
     blocks = re.findall(r"^```\w*\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
-    return blocks[0], blocks[1]
+    return re.sub(r" \\\n *", " ", blocks[0]), blocks[1]
 
 
 @pytest.mark.usefixtures("c_compiler")
@@ -53,7 +53,7 @@ def test_three_commands_of_the_index_print_what_it_says(tmp_path):
     folder = tmp_path / "work"
     shutil.copytree(DOCS / "own_robot", folder)
     commands, answer = read_first((DOCS / "index.md").read_text(encoding="utf-8"))
-    assert commands.splitlines() == [text for block in list_blocks("index.md") for text in block.commands]
+    assert len(commands.splitlines()) == 3
     for command in commands.splitlines():
         code, printed = run_step(command, folder, Path(os.environ["XDG_CACHE_HOME"]))
         assert code == 0, printed
