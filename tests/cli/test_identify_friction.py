@@ -62,7 +62,7 @@ def test_a_law_is_chosen_and_its_parameters_told(axis_log, tmp_path):
     assert "held out/%" in out
     assert "chosen" in out
     assert "held-out" in out.replace("\n", " ")
-    assert "the rigid part J ddq was fitted along" in out
+    assert "the rigid part J ddq was fitted jointly" in out
     assert "Traceback" not in err
     data = json.loads(output.read_text())
     assert (data["format"], data["kind"]) == ("symid fit", "friction")

@@ -383,7 +383,7 @@ def mask_fast(
     slow = np.abs(speed) < limits[rows.group]
     beside = ""
     if margin:
-        beside, fast = ", or beside such rows,", ~slow
+        beside, fast = ", or beside such samples,", ~slow
         # The margin of a joint is halved until half of its fast rows stay.
         for group in np.unique(rows.group):
             own = rows.group == group

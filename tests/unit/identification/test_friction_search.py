@@ -78,7 +78,7 @@ def test_laws_that_predict_better_stay_and_others_give_way_at_their_joints_alone
     laws, choice, calls = give_up(robot, {"shoulder": 3.3, "elbow": 5.0})
     assert set(laws.values()) == {PLAIN}
     assert len(calls) == 1
-    assert "shoulder: stribeck leaves 1.21 times" in choice.notices[0].text
+    assert "shoulder: stribeck has 1.21 times" in choice.notices[0].text
     # Laws that were named stay.
     names = {"shoulder": "stribeck", "elbow": "auto"}
     laws, choice, _ = give_up(robot, {"shoulder": 5.0, "elbow": 5.0}, names)

@@ -132,7 +132,9 @@ def test_a_planar_arm_does_not_show_gravity_across_its_plane(tmp_path):
 def test_one_joint_shows_no_gravity_beside_its_parameters(tmp_path):
     robot = load_arm(tmp_path, PLANAR[:1], gravity="unknown")
     log = record(robot, (0.0, -9.81, 0.0), 5, rows=PLANAR[:1])
-    with raises(IdentifiabilityError, "identify.no-mounting", match="the size of gravity, which parameters"):
+    with raises(
+        IdentifiabilityError, "identify.no-mounting", match="the magnitude of gravity, which parameters"
+    ):
         robot.identify(log)
 
 

@@ -270,7 +270,7 @@ def test_the_verdict_follows_what_springs_leave_and_how_the_iteration_ended(
 def test_linear_springs_that_do_as_well_are_named_and_drawn(estimate, trial):
     joints = tuple(replace(joint, final=joint.straight * joint.torsion) for joint in trial.joints)
     for entry, same in ((trial, False), (replace(trial, joints=joints), True)):
-        assert any("no more" in text for text in judge(estimate, entry).details) is same
+        assert any("no better" in text for text in judge(estimate, entry).details) is same
     joint = trial.joints[0]
     assert "linear start" in draw_loops(joint).svg
     assert "best linear spring" in draw_loops(replace(joint, initial=None)).svg
