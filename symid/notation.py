@@ -71,7 +71,7 @@ SYMBOLS: tuple[Symbol, ...] = (
     Symbol("s", "s", "1", "slope that a knee adds to the outer function"),
     Symbol("R", "R", "N m", "torque at which a knee begins"),
     Symbol("z", "z", "rad", "deflection of a bristle, or of an element of friction"),
-    Symbol("way", r"\Delta q", "rad", "way of a joint in a step"),
+    Symbol("way", r"\Delta q", "rad", "displacement of a joint in a step"),
     Symbol("P", "P", "rad", "play of a torsion"),
     Symbol("Q", "Q", "N m", "play of the inverse, of a torque"),
     Symbol("tau_J", r"\tau_J", "N m", "torque of an elastic joint's spring"),

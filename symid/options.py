@@ -483,7 +483,7 @@ class RigidOptions(Options):
     )
     overlap: float | None = _method(
         None,
-        "Momentum and energy rows: part of a window shared with the next one.  [default: 0]",
+        "Momentum and energy equations: part of a window shared with the next one. [default: 0]",
         number(0.0, 0.95),
         "PART",
     )
@@ -531,7 +531,7 @@ class RigidOptions(Options):
         number(above=0.0, many=True),
         "S",
     )
-    window: float | None = _method(None, "Length of a momentum, filtered or energy row (s).", ABOVE, "S")
+    window: float | None = _method(None, "Window of a momentum, filtered or energy equation (s).", ABOVE, "S")
 
     def list_given(self) -> tuple[str, ...]:
         """Return the options that were given, as the command line calls them, the windows' length apart."""

@@ -90,6 +90,7 @@ ELSEWHERE = {
     ("api/index.md", ""): "tests/docs/test_api_scripts.py",
     ("api/optimal_control.md", ""): "tests/docs/test_api_scripts.py",
     ("api/scripts.md", ""): "tests/docs/test_api_scripts.py",
+    ("bad_wrist.md", ""): TRANSCRIPTS,
     ("c_library.md", "int main"): BUILT,
     ("c_library.md", "cmake_minimum"): BUILT,
     ("c_library.md", "^cc "): BUILT,
@@ -109,9 +110,11 @@ ELSEWHERE = {
     ("first_lecture.md", ""): TRANSCRIPTS,
     ("fleet.md", "^(SELECT|WITH)"): "tests/unit/fleet/test_view.py",
     ("friction_dynamic.md", "symid.joint_models|symid.simulation|symid.codegen"): EXAMPLES,
+    ("gravity.md", ""): TRANSCRIPTS,
     ("friction_tables.md", "^symid study friction-tables -o"): "tests/cli/test_friction_study.py",
     ("gallery.md", ""): EXAMPLES,
     ("hysteresis.md", ""): TRANSCRIPTS,
+    ("index.md", ""): "tests/docs/test_first_screen.py",
     ("lessons.md", "--ipynb"): "tests/unit/lessons/test_notebook.py",
     ("logs.md", "run.db3"): "tests/cli/test_bags.py",
     ("own_robot.md", ""): "tests/cli/test_own_robot_page.py",
@@ -119,6 +122,7 @@ ELSEWHERE = {
     ("robot_file.md", "lugre"): READ,
     ("robots.md", "^symid identify ur10"): "tests/golden/test_bags.py",
     ("round_trip.md", ""): TRANSCRIPTS,
+    ("short_log.md", ""): TRANSCRIPTS,
     ("urdf.md", "import"): READ,
 }
 

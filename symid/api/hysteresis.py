@@ -148,7 +148,7 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
     def summarise(self) -> str:
         """Return model, number of parameters and held-out error."""
         record = self.record
-        return f"{record.model}: {record.candidates[0].count} parameters, {record.held_out:.3g} % left"
+        return f"{record.model}: {record.candidates[0].count} parameters, residual {record.held_out:.3g} %"
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return parameters, models that were tried, inverse and passivity."""
@@ -278,7 +278,7 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
         record = self.record
         low, high = record.span
         form = f"{record.model}, {record.form}" if record.form else record.model
-        left = f"{record.held_out:.3g} % of the output is left, held out."
+        left = f"held-out residual {record.held_out:.3g} % of the output."
         facts = (
             f"{form}, fitted to {record.samples} samples: {left}",
             f"The input went from {low:.6g} to {high:.6g}; beyond it the element extrapolates.",
@@ -324,14 +324,14 @@ class ElementValidation(JudgedResult):
 
     def summarise(self) -> str:
         """Return the error."""
-        return f"{self.record.model}: {self.trial.error:.3g} % left of {self.trial.samples} samples"
+        return f"{self.record.model}: residual {self.trial.error:.3g} % over {self.trial.samples} samples"
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the figures in a sentence."""
         trial = self.trial
         text = f"{trial.samples} samples, mean error {trial.shift:.3g} in the unit of the output."
         if trial.inverse is not None:
-            text += f"\nInverse: misses the input by {trial.inverse:.3g} % of it."
+            text += f"\nInverse: error {trial.inverse:.3g} % of the input."
         return (text,)
 
     def _describe(self) -> dict[str, object]:

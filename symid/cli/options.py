@@ -235,7 +235,7 @@ class NamedRobot(Options):
     snap: float | None = option(
         None,
         "URDF, MJCF: round angles within this distance of a quarter turn; 0 for none.  [default: 1e-5, more "
-        "where base parameters would hang on the last digits of the file]",
+        "where base parameters would depend on the last digits of the file]",
         "Input",
         number(0.0, 0.01),
         "RAD",

@@ -336,7 +336,11 @@ _INPUTS = {
     "f": ("p", "mixed", "friction parameters"),
     "load": ("n", "N m", "torques that the gears carry: those of links and rotors, without friction"),
     "temperature": ("n", "degC", "temperatures of the joints"),
-    "way": ("n", "rad", "ways of the joints in the step, without turning back: dq times its period, if held"),
+    "way": (
+        "n",
+        "rad",
+        "displacements of the joints in the step, without reversal: dq times its period",
+    ),
     "z": ("z", "rad", "deflections of the bristles before the step"),
     "dddq": ("n", "rad/s^3", "third derivatives of the joint coordinates"),
     "ddddq": ("n", "rad/s^4", "fourth derivatives of the joint coordinates"),
@@ -424,10 +428,10 @@ _ENTRIES = {
     "friction_regressor: dq q load temperature -> Yf": "friction torque per friction parameter",
     "friction_step: dq way z q load temperature f -> tau_f z_next": "friction torque after a step, with the "
     "state of bristles; `friction` is that of steady sliding",
-    "hysteresis_step: phi P h -> tau_J P_next": "torque of the springs when the torsion has gone to phi, "
-    "without turning back on the way",
+    "hysteresis_step: phi P h -> tau_J P_next": "torque of the springs when the torsion has moved to phi, "
+    "without reversal",
     "hysteresis_inverse_step: tau_J Q h -> phi Q_next": "torsion of the springs when their torque has gone "
-    "to tau_J, without turning back on the way",
+    "to tau_J, without reversal",
     "elastic_inverse_dynamics: q dq ddq dddq ddddq temperature beta IA f h Q "
     "-> tau_m theta dtheta Q_next": "torque of the motors under which the links move as wanted, with "
     "friction",

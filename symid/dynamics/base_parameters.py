@@ -163,7 +163,7 @@ def derive_base_parameters(robot: Robot, *, form: str = "torque") -> BaseParamet
         label, members = terms[0][0], [other for other, _ in terms[1:]]
         name = write_label(robot, label, grouped=bool(members))
         expression = write_combination([(write_label(robot, other), value) for other, value in terms])
-        reason = explain_grouping(robot, label, members, _list_angular_components(shown, label))
+        reason = explain_grouping(robot, label, members)
         written.append(BaseParameter(name, label, terms, expression, reason))
         for other, _ in terms:
             groups[other].append((name, label))

@@ -20,7 +20,6 @@ _Angular = Sequence[tuple[int, ...]]
 _LONGEST = 24
 _DIGITS = 400
 _INERTIA = ("XX", "XY", "XZ", "YY", "YZ", "ZZ")
-_FRICTION = ("Fv", "Fc", "Fvp", "Fcp", "Fvn", "Fcn", "offset")
 _SPRING = ("KS", "KR")
 _CONSTANT = ("offset", "Fcp", "Fcn", "KR")
 _MOVING = ("Fv", "Fc", "Fvp", "Fvn", "KS")
@@ -103,39 +102,22 @@ def _describe(robot: Robot, label: Label, angular: _Angular) -> str:
     kind = "rotor" if name == "IA" else "spring" if name in _SPRING else "friction"
     if index < robot.size:
         return f"{kind} of joint {index + 1}"
-    drive = robot.couplings[index - robot.size]
-    if not robot.transmission[index]:
-        return f"{kind} of drive {drive.name}, which stands still: its factors cancel"
-    joints = ", ".join(str(joint + 1) for joint, _ in drive.terms)
-    return f"{kind} of drive {drive.name}, which turns with joints {joints}"
+    stands = "" if robot.transmission[index] else ", which never turns"
+    return f"{kind} of drive {robot.couplings[index - robot.size].name}{stands}"
 
 
-def explain_grouping(robot: Robot, label: Label, members: Sequence[Label], angular: _Angular) -> str:
-    """Return why `members` are in a parameter's group; `angular`: of attainable velocities of its link."""
-    what, (index, name) = _describe(robot, label, angular), label
+def explain_grouping(robot: Robot, label: Label, members: Sequence[Label]) -> str:
+    """Return why `members` are in a parameter's group: each rule once, behind the names it is true for."""
+    index = label[0]
     if not members:
-        place = "acts on this joint alone"
-        if name in (*INERTIAL, "IA"):
-            place = "no other parameter has the same effect"
-        elif index >= robot.size:
-            place = "acts on all of them"
-        elif robot.joints[index].mimic is not None:
-            place = "acts on the joint that it follows"
-        return f"{what}{', ' if name in (*_FRICTION, *_SPRING) else '; '}{place}"
-    others = ", ".join(write_label(robot, member) for member in members)
-    what = f"{what}; identifiable only together with {others}"
-    if len(members) == 1:
-        return f"{what}: {_explain_transfer(robot, members[0], [label])}"
-    # A sentence for the first of each kind, the others behind it.
-    kinds: dict[str, list[Label]] = {}
+        if index >= robot.size:
+            joints = ", ".join(str(joint + 1) for joint, _ in robot.couplings[index - robot.size].terms)
+            return f"identifiable on its own: its drive turns with joints {joints}"
+        return "identifiable on its own"
+    rules: dict[str, list[str]] = {}
     for member in members:
-        kinds.setdefault(member[1], []).append(member)
-    sentences = []
-    for first, *rest in kinds.values():
-        alike = ", ".join(write_label(robot, member) for member in rest)
-        reason = _explain_transfer(robot, first, [label])
-        sentences.append(f"{write_label(robot, first)}: {reason}{f' ({alike}: likewise)' if rest else ''}")
-    return f"{what}. {'; '.join(sentences)}"
+        rules.setdefault(_explain_transfer(robot, member, [label]), []).append(write_label(robot, member))
+    return "; ".join(f"{', '.join(names)}: {rule}" for rule, names in rules.items())
 
 
 def explain_elimination(
@@ -149,35 +131,28 @@ def explain_elimination(
 
 
 def _explain_transfer(robot: Robot, label: Label, heads: Sequence[Label]) -> str:
-    """Return why a parameter has the effect of the representatives of its groups."""
+    """Return the rule by which a parameter has the effect of the representatives of its groups."""
     index, name = label
-    number = index + 1
     if name == "IA":
-        rate = f"dq{number}" if index < robot.size else "its speed"
-        return f"the rotor's energy is proportional to the square of {rate}, like that of other parameters"
+        return "a rotor's energy is proportional to the square of its speed"
     if name not in INERTIAL:
         steps = [head for head in heads if head[1] in ("Fcp", "Fcn")]
         # Both steps together can make a constant; one of them alone is a function of the speed's sign.
         alone = name in ("Fcp", "Fcn") and len(steps) == 1
         if name not in _CONSTANT or alone or any(head[1] in _MOVING for head in heads):
-            return "it acts on the same coordinate and is proportional to the same function"
+            return "the same function of the same coordinate"
         force = "force" if is_prismatic(robot, index) else "torque"
-        place = f" at joint {index + 1}" if index < robot.size else ""
         if any(head[1] in INERTIAL for head in heads):
-            return f"it is a constant {force}{place}, like that of a weight along its axis"
-        alike = ", ".join(write_label(robot, head) for head in heads if head[1] in _CONSTANT)
-        return f"it is a constant {force}{place}, like {alike or 'others of the group'}"
-    parent = robot.joints[index].parent
-    carrier = f"link {parent + 1}" if parent >= 0 else "the base"
+            return f"a constant {force}, like that of a weight along the joint's axis"
+        return f"a constant {force}, like that of an offset or of a preload"
     if robot.joints[index].mimic is not None:
-        return f"joint {number} moves only together with the joint that it follows, so their effects add up"
+        return "a coupled joint moves only with the joint that it follows"
     if robot.joints[index].kind is JointKind.PRISMATIC:
         if name in _INERTIA:
-            return f"link {number} does not turn relative to {carrier}, so its inertia adds to that link's"
-        return f"when joint {number} slides, this moment does the same work as {carrier}'s own"
+            return "a sliding link does not turn relative to the link before"
+        return "as the joint slides, it acts like this moment of the link before"
     if name in ("M", "MZ"):
-        return f"mass on the axis of joint {number} is not moved by that joint, so it moves with {carrier}"
+        return "mass on the axis of a revolute joint moves with the link before"
     if name == "YY":
-        own = f"XX{number} {{}} YY{number}"
-        return f"{own.format('+')} does not change as joint {number} turns; only {own.format('-')} does"
-    return f"at joint {number} its effect equals that of parameters of {carrier} or before"
+        return "XX + YY does not change as the joint turns, only XX - YY does"
+    return "the same effect as parameters of the links before"

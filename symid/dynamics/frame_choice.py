@@ -188,7 +188,7 @@ def choose_reading(read: Callable[..., Robot]) -> Robot:
     else:
         code, text = "robot.rounding-assumed", "angles near multiples of pi/2 were taken as these multiples: "
         text += (
-            f"as written, {counts[0]} base parameters in place of {counts[1]} would hang on the last digits "
+            f"as written, {counts[0]} base parameters in place of {counts[1]} would hinge on the last digits "
         )
         text += f"of the file. This changes {price}; if the angles are meant as written, use {remedy}"
     note = Notice(code=code, text=text, file=rounded.path)

@@ -313,9 +313,9 @@ class Fleet(PagedResult):
         header = ("robot", "what", "since", "before", "after", "sigma", "adjusted p", "unit")
         title = f"Robots that changed: {len({entry.name for entry in found})}"
         note = (
-            f"{kind} {100.0 * self.level:g} % ({self.control}). A residual is the logarithm of its deviation."
+            f"{kind} {100.0 * self.level:g} % ({self.control}). A residual is the logarithm of its RMS value."
         )
-        note += f" The surest {_MOST_SHOWN} of {len(found)} are shown." * many
+        note += f" The {_MOST_SHOWN} most significant of {len(found)} are shown." * many
         return (Table(header, rows, (0, 1, 2), title, note),)
 
     def _show_scatter(self) -> tuple[str, ...]:
@@ -397,7 +397,7 @@ class Fleet(PagedResult):
             cut, what = entry.nights.index(entry.since), _name_quantity(entry)
             sides = ((nights[:cut], entry.before), (nights[cut:], entry.after))
             drawing = build_line_figure(
-                f"{entry.name}: {what} changed by {entry.sigma:+.1f} deviations since {entry.since}.",
+                f"{entry.name}: {what} changed by {entry.sigma:+.1f} sigma since {entry.since}.",
                 ("night", f"{what} ({'logarithm' if entry.residual else entry.unit})"),
                 [
                     Line("nights", "measured", nights, np.array(entry.values), markers=True, joined=False),

@@ -169,10 +169,9 @@ def write_identified(
     off = ", ".join(f"{entry.joint} {entry.ratio:.3g} times" for entry in scales if entry.is_beyond(most))
     if off:
         text = (
-            "the identified torques have another size than the values of the robot file give "
-            f"({off}; limit {most:g}): check unit and side in [log.torque], gears and torque constants, and "
-            "identify again; "
-            "where the values of the file are wrong, allow it by --ratio FACTOR (ratio=...)"
+            f"the identified torques differ in scale from the robot file's values ({off}; limit {most:g}): "
+            "check unit and side in [log.torque], gears and torque constants, and identify again; where the "
+            "values of the file are wrong, allow it by --ratio FACTOR (ratio=...)"
         )
         raise EstimateError(Notice(code="export.scale", text=text, file=str(source)))
     # In a format without rotors for simulators, links have the inertia of their rotors, if they can.
@@ -279,7 +278,7 @@ def _write_file(  # noqa: PLR0917 - what is written, where and how
             for link, carried in new.shared.items():
                 said = (
                     f"the values of link {link!r} were identified together with those of "
-                    f"{', '.join(carried)}, which hang on it; the change was spread over them"
+                    f"{', '.join(carried)}, which are fixed to it; the change was spread over them"
                 )
                 told.append(Notice(code="export.shared-links", text=said, file=str(path)))
     rewritten = made.file if made is not None and text else ""

@@ -313,7 +313,7 @@ def _give_up_worse(
         ]
         if not worse:
             break
-        texts += [f"{name}: {laws[name]} leaves {falls[name]:.3g} times the squares" for name in worse]
+        texts += [f"{name}: {laws[name]} has {falls[name]:.3g} times the squared residual" for name in worse]
         given_up += worse
         found = fit(_make_plain(found.robot, given_up))
     if not given_up:
@@ -422,7 +422,7 @@ def identify_loaded(
 
 def refuse_search(friction: str | Mapping[str, str], why: str) -> UsageError:
     """Return the error that laws cannot be searched here."""
-    text = f"the friction law {friction!r} leaves values to be found, which {why}"
+    text = f"the friction law {friction!r} leaves values to be identified, which {why}"
     text += "; name a law without shape values"
     if isinstance(friction, Mapping):
         listed = ", ".join(f"{key}={law}" for key, law in friction.items())

@@ -94,7 +94,9 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
             for entry in estimate.springs
             if not entry.identifiable
         ]
-        text = f"the robot has no place for what was taken off before the fit: {named}; its torques lack them"
+        text = (
+            f"the robot has no place for what was subtracted before the fit: {named}; its torques lack them"
+        )
         lost += [("export.effects", text)] if named else []
         places = [k for k, entry in enumerate(estimate.parameters) if entry in values]
         table = estimate.covariance

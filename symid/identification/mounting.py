@@ -164,7 +164,7 @@ class _Problem(NamedTuple):
             seen, hidden = _align(axes[sizes > least]), _align(axes[sizes <= least])
             size = float(np.linalg.norm(left @ own)) > least
             if not size:
-                told.append("the size of gravity, which parameters take up; it stays as stated")
+                told.append("the magnitude of gravity, which parameters absorb; it stays as stated")
                 hidden = _align(_span((hidden - np.outer(hidden @ own, own)).T).T)
             told += [f"gravity along {_write(axis)}; 0 is taken" for axis in hidden]
             basis = _span(np.column_stack([basis, rest[:, :3] @ seen.T]))
@@ -176,10 +176,12 @@ class _Problem(NamedTuple):
                 basis = _span(np.column_stack([basis, column]))
             else:
                 told.append(
-                    f"the zero of joint {name!r}, which gravity or parameters take up; it stays as stated"
+                    f"the zero of joint {name!r}, which gravity or parameters absorb; it stays as stated"
                 )
         if not directions:
-            text = "; ".join(f"no motion of {self.robot.name!r} shows {entry}" for entry in told)
+            text = "; ".join(
+                f"not identifiable from any motion of {self.robot.name!r}: {entry}" for entry in told
+            )
             text += ". State gravity and zeros in the robot file"
             raise IdentifiabilityError(Notice(code="identify.no-mounting", text=text))
         return _Seen(np.array(directions).T, size, hidden, tuple(told))
@@ -399,7 +401,10 @@ def _record(problem: _Problem, found: _MountedFit, before: FloatArray, told: str
         "turn": turn,
         "said": said,
     }
-    notices = [Notice(code="identify.mounting", text=f"no motion shows {entry}") for entry in found.seen.told]
+    notices = [
+        Notice(code="identify.mounting", text=f"not identifiable from these motions: {entry}")
+        for entry in found.seen.told
+    ]
     return replace(
         estimate,
         parameters=(*(estimate.parameters[k] for k in kept), *own),
@@ -422,10 +427,10 @@ def _describe_gravity(
     angle = np.degrees(np.arctan2(apart, own @ old))
     spread = away @ covariance[:3, :3] @ away / apart**2 if apart > numerics.CONVERGED else 0.0
     spread = spread or max(float(np.linalg.eigvalsh(across @ covariance[:3, :3] @ across)[-1]), 0.0)
-    size = f"its size is {length:.5g} +- {deviation:.2g} m/s^2"
+    size = f"its magnitude is {length:.5g} +- {deviation:.2g} m/s^2"
     if told or _is_stated(length, deviation):
-        told = f"found as {told}" if told else "which no motion shows"
-        size = f"its size, {told}, is taken as {length:.5g} m/s^2"
+        told = f"found as {told}" if told else "not identifiable from these motions"
+        size = f"its magnitude, {told}, is taken as {length:.5g} m/s^2"
     turn = f"gravity is turned by {angle:.4g} +- {np.degrees(np.sqrt(spread)) / length:.2g} degrees"
     line = ", ".join(f"{value:.5g}" for value in values[:3])
     return turn, f"{turn} from ({_write(before)}); {size}. To keep it, write gravity = [{line}]"

@@ -190,7 +190,7 @@ def simulate_dynamic_friction(
         UsageError: unlike lengths, or numbers that are not finite.
     """
     if np.shape(velocity) != np.shape(way) or not np.all(np.isfinite([velocity, way])):
-        text = "velocities and ways must have one length and finite values"
+        text = "velocities and displacements must have one length and finite values"
         raise UsageError(Notice(code="joint.friction-path", text=text))
     algebra = carriers.build_float_carrier()
     states = tuple(states) or (0.0,) * max(1, sum(name.startswith("stiffness") for name in values))

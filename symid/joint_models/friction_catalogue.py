@@ -437,8 +437,8 @@ FRICTION_LAWS: dict[str, FrictionLaw] = {
     )
 }
 
-_BENDS = "Continuous in time; while bristles bend it is a function of the way, not of the velocity."
-_FOLLOWS = "Dissipative where no coefficient is negative; without fV it follows the way, not the speed."
+_BENDS = "Continuous in time; while bristles bend it is a function of the displacement, not of the velocity."
+_FOLLOWS = "Dissipative where no coefficient is negative; without fV independent of the speed."
 _STEADY = "[fC + (fS - fC) exp(-|dq / vs|^gamma)] sign(dq) + fV dq"
 _CLAMP = "Fk = clamp(stiffness_k zk, -+share_k g), dzk/dt = dq until it slips, tau_f = sum Fk + fV dq"
 

@@ -395,7 +395,7 @@ def write_base(writer: ChapterWriter) -> Chapter:
             f"{base.count} combinations of them change any torque: the base parameters, found exactly from "
             f"the energies (Gautier and Khalil 1990). Each has a reason."
         ),
-        Item("hint", 'A button "show" plays the motion that cannot tell the members of a group apart.'),
+        Item("hint", 'A button "show" plays the motion that does not separate the members of a group.'),
         Item("table", rows=tuple(rows), text="base"),
         Item("details", lost_title, items=(Item("table", rows=lost_rows),)),
     ]

@@ -146,7 +146,7 @@ def _write_short(writer: ChapterWriter, equations: matrices.Equations) -> Iterat
             say(
                 rf"The kinetic energy is the square form ${T} = \tfrac12\,\dot {q}^{{\mathsf T}} "
                 rf"{M}({q})\,\dot {q}$; the inertia matrix ${M}$ is symmetric, and positive definite for "
-                rf"bodies that exist."
+                rf"physical bodies."
             ),
             *mass,
             Item(
@@ -511,7 +511,7 @@ def _write_elastic(robot: Robot, book: Book) -> Iterator[Chapter]:
     method = (
         say(
             "Dynamics and springs are unknown together, and their product is no linear problem. The two-step "
-            "method (after Zhang and Zhang 2023) takes turns. First, with the springs held, energy rows are "
+            "method (after Zhang and Zhang 2023) takes turns. First, with the springs held, energies are "
             "linear in the base parameters, rotors and friction:"
         ),
         show(_ENERGY_ROWS),

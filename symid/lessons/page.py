@@ -295,7 +295,7 @@ def _write_identification(lesson: Lesson, logged: LoggedMotion | None) -> Chapte
         ),
         say(
             "The sum grows with every sample: the longer and the richer the motion, the smaller the "
-            "deviations. What a motion does not move, or moves in one way only, it cannot tell apart, and "
+            "deviations. What a motion does not move, or moves in one way only, is not identifiable, and "
             f"the sum has no inverse. Design a motion{taken}, and play it; $Y$ is that of generated code, at "
             "50 samples a second; friction is known."
         ),

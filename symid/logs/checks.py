@@ -46,7 +46,7 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
             text = f"the torque of joint {joint.name!r} reaches {peak:.4g}, beyond its limit {most:.4g}"
             found.append(("log.torque-beyond-limit", f"{text}; check unit, factor and gear"))
         if summary.low < summary.high and summary.standstill > _STANDSTILL:
-            text = f"joint {joint.name!r} stands still during {100 * summary.standstill:.0f} % of the log"
+            text = f"joint {joint.name!r} is at standstill for {100 * summary.standstill:.0f} % of the log"
             found.append(("log.standstill", f"{text}; inertia and viscous friction are poorly identifiable"))
     side = get_second_encoder_side(recording)
     second = recording.motor_position if side == "motor" else recording.link_position
@@ -108,7 +108,7 @@ def _explain_ratio(ratio: float, gear: float) -> str:
 def _check_position(position: FloatArray, joint: Joint) -> Iterator[tuple[str, str]]:
     low, high = float(position.min()), float(position.max())
     if low == high:
-        yield "log.constant-position", f"joint {joint.name!r} never moves in this log"
+        yield "log.constant-position", f"joint {joint.name!r} does not move in this log"
         return
     # The joint moves at more than a tenth of its median speed, over ten samples.
     span = min(10, len(position) - 1)

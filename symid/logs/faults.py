@@ -82,9 +82,9 @@ _ROUNDING = 64.0 * float(np.finfo(np.float64).eps)
 _LEAST = 16
 """Samples in which faults can be told from motion."""
 _POSITIONS = ("position", "motor_position", "link_position")
-_LEFT_OUT = "rows of rigid robots and of friction in which they are noticed are left out"
+_LEFT_OUT = "samples that they affect are left out of rigid and friction fits"
 _TEXTS: Mapping[FaultKind, str] = {
-    "wraps": "{where} wraps at 2 pi ({count} times): these steps were taken off",
+    "wraps": "{where} wraps at 2 pi ({count} times): these steps were removed",
     "spikes": "{where} has spikes in {count} samples ({share:.2g} %), the first at {time:.6g} s: they were "
     f"bridged, and {_LEFT_OUT}; check cables, connectors and the bus",
     "stuck": "{where} repeats one value in {count} samples ({share:.2g} %), the first at {time:.6g} s, and "
@@ -229,7 +229,7 @@ def choose_times(recording: Recording) -> Resampling | None:
         kind = "repeats"
         others = f"put {clock}" if taken else "left at their stamps, which fit no clock, and interpolated"
         text = (
-            f"{100.0 * float(np.mean(repeated)):.3g} % of the rows repeat the one before to the last bit "
+            f"{100.0 * float(np.mean(repeated)):.3g} % of the samples repeat the one before to the last bit "
             "although the robot moves: it was polled faster than it answers. They were dropped, and the "
             f"others {others}; log each answer once, with the robot's own time"
         )

@@ -269,8 +269,8 @@ def check_one_payload(recordings: Sequence[Recording]) -> None:
 def refuse_known_payloads(recordings: Sequence[Recording], what: str) -> None:
     """Refuse known payloads, by a LogError, for a method, named by `what`, that does not support them."""
     text = (
-        f"the run has a known payload, which {what} does not support; leave the run out, or use torque rows "
-        "of a rigid robot"
+        f"the run has a known payload, which {what} does not support; leave the run out, or use torque "
+        "equations of a rigid robot"
     )
     loaded = [entry.source for entry in recordings if entry.run is not None and entry.run.load]
     if loaded:

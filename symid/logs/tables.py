@@ -145,7 +145,7 @@ def read_csv(path: Path) -> RawLog:
     found = [split_heading(cell) for cell in cells]
     data = [(filled[at].number, rows[at]) for at in range(start, len(rows)) if rows[at] != cells]
     if (again := len(rows) - start - len(data)) > 0:
-        said.append(f"the heading stands in the table again ({again} times), and was passed over")
+        said.append(f"the heading stands in the table again ({again} times), and was skipped")
     width = Counter(len(row) for _, row in data).most_common(1)[0][0] if data else len(found)
     if len(found) == width + 1 and found[-1][0].lower() in ("", _REMARK):
         found.pop()
@@ -164,7 +164,7 @@ def read_csv(path: Path) -> RawLog:
         mark = "decimal commas" if layout.decimal == "," else "decimal points"
         said.insert(0, f"the table has {_NAMES[layout.separator]} between columns, and {mark}")
     if place > 0 and (above := place - (0 <= units_place < place)) > 0:
-        said.append(f"{above} lines above the heading, line {line}, were passed over")
+        said.append(f"{above} lines above the heading, line {line}, were skipped")
     columns, texts, dates = _read_columns(path, names, data, layout, said)
     units = {name: "s" if name in dates else unit for name, unit in units.items() if name not in texts}
     units |= dict.fromkeys(dates, "s")
@@ -201,7 +201,7 @@ def _decode(path: Path, said: list[str]) -> str:
             raise build_file_error(path, f"this is not a text file that can be read: {error}") from error
         said.append("the text is no UTF-8, and was read as Windows-1252 (Latin-1)")
     if found := _BINARY.search(text[: 1000 * _LOOKED_AT]):
-        reason = f"the character {found[0]!r} is none of a text"
+        reason = f"the character {found[0]!r} does not occur in text"
         raise build_file_error(path, f"this is not a text file that can be read: {reason}")
     return text
 

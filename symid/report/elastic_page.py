@@ -89,7 +89,7 @@ def build_elastic_page(
         settings={
             "method of the result": estimate.method,
             "outcome": estimate.outcome.value,
-            "rows fitted": sum(entry.samples for entry in estimate.residual),
+            "samples fitted": sum(entry.samples for entry in estimate.residual),
             "condition number (column-scaled)": f"{estimate.condition:.4g}",
         },
         conventions="torsion is motor minus link position; torques and inertias are on the joint side",
@@ -106,16 +106,16 @@ def _list_numbers(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
         springs = [compute_spring_share(joint) for trial in held_out for joint in trial.joints]
         where = "in the held-out log"
     elif estimate.evidence is not None:
-        dynamics, where = max(estimate.evidence.held_out), "in stretches held out in turn"
+        dynamics, where = max(estimate.evidence.held_out), "cross-validated"
         pairs = zip(estimate.evidence.springs, estimate.residual, strict=False)
         springs = [share for share, entry in pairs if entry.joint in told]
     else:
         dynamics, where = max(entry.relative_percent for entry in estimate.residual), _IN_FIT
         springs = []
-    numbers.append((pages.format_percent(dynamics), f"of a motor's torque unexplained at most, {where}"))
+    numbers.append((pages.format_percent(dynamics), f"residual of a motor's torque at most, {where}"))
     if springs and all(share is not None for share in springs):
         worst = max(share for share in springs if share is not None)
-        numbers.append((pages.format_percent(worst), "of a joint's torque left by its spring, at most"))
+        numbers.append((pages.format_percent(worst), "residual of a spring, of its joint's torque, at most"))
     if estimate.covariance:
         numbers.append(pages.count_significant(estimate.parameters))
     return numbers
@@ -372,7 +372,7 @@ def _show_convergence(estimate: ElasticEstimate) -> Iterator[Block]:
     finite = [entry for entry in history if np.isfinite([entry.merit, entry.change, *entry.norms]).all()]
     if len(finite) < 2:
         return
-    heads = ["energy rows (J)", *(f"{entry.joint} ({entry.unit})" for entry in estimate.residual)]
+    heads = ["energy equations (J)", *(f"{entry.joint} ({entry.unit})" for entry in estimate.residual)]
     heads = heads if all(len(entry.norms) == len(heads) for entry in finite) else []
     yield "== Convergence =="
     yield f"{len(history)} iterations of {estimate.method}, {estimate.outcome.value}."

@@ -62,7 +62,7 @@ def tabulate_laws(laws: "Sequence[estimators.FittedLaw]") -> tuple[Block, ...]:
         others = (f"{one.law} {held[one.law]}" for one in trials if one.law != entry.law and not one.reason)
         own, plain = held.get(entry.law, ""), held.get("coulomb-viscous-offset", "")
         rows.append((entry.joint, entry.law, own, plain, next(others, "")))
-    title = "Friction laws: what each leaves of the torque of held-out windows in motion; plain is "
+    title = "Friction laws: residual of the torque of held-out windows in motion; plain is "
     title += "coulomb-viscous-offset."
     header = ("joint", "friction law", "held out/%", "plain/%", "best other law, %")
     return (Table(header, rows, (0, 1, 4), title),)
@@ -106,16 +106,16 @@ def show_all_rows(validation: "estimators.Validation") -> str:
         return ""
     parts = ", ".join(f"{entry.joint} {entry.relative_percent:.4f} %" for entry in validation.all_rows)
     return (
-        f"torques and what is predicted: both low-pass at {validation.scoring:.3g} Hz, the band that the fit "
-        f"was chosen by; of all rows, without that low-pass: {parts}"
+        f"measured and predicted torques: both low-pass at {validation.scoring:.3g} Hz, the band that the "
+        f"fit was chosen by; of all samples, without that low-pass: {parts}"
     )
 
 
 def show_estimate(estimate: "estimators.Estimate") -> tuple[Block, ...]:
     """Return a headline, the tables, how a simulation went, and what is not identifiable."""
     headline = (
-        f"{estimate.robot}: {estimate.rows} rows, {estimate.estimator}, {estimate.samples} equations, "
-        f"condition {estimate.condition:.3g}: {estimate.outcome.value}"
+        f"{estimate.robot}: {estimate.rows}, {estimate.estimator}, {estimate.samples} equations, condition "
+        f"{estimate.condition:.3g}: {estimate.outcome.value}"
     )
     truth = {"robot file": "truth", "within 3 std": "near_truth"}
     table = _show_parameters(estimate.parameters, ".3g", truth)
@@ -176,8 +176,10 @@ def show_evidence(evidence: "estimators.Evidence") -> Table:
         )
         for entry in evidence.joints
     ]
-    header = ("joint", "fit/%", "held out/%", "fast/%", "slow/%", "rows left out/%")
-    title = f"Residual below {evidence.scoring:.3g} Hz, relative to the torque; {parts} held out in turn."
+    header = ("joint", "fit/%", "held out/%", "fast/%", "slow/%", "samples left out/%")
+    title = (
+        f"Residual below {evidence.scoring:.3g} Hz, relative to the torque; cross-validation over {parts}."
+    )
     return Table((*header, "torque rms"), rows, title=title)
 
 
@@ -187,8 +189,8 @@ def show_tests(evidence: "estimators.Evidence") -> Table:
     for entry in evidence.tests:
         numbers = (f"{value:.2g}" for value in (entry.size, entry.bound, entry.p))
         rows.append((entry.what, entry.part, entry.joint, entry.verdict, *numbers))
-    header = ("rows", "log", "joint", "they say", "differ by/%", "at most/%", "p")
-    title = "Estimates from different rows, by the torque that they predict, in percent of it."
+    header = ("samples", "log", "joint", "estimates", "differ by/%", "at most/%", "p")
+    title = "Estimates from different samples, by the torque that they predict, in percent of it."
     return Table(header, rows, (0, 1, 2, 3), title)
 
 
@@ -204,8 +206,8 @@ def show_motion(motion: Sequence["estimators.MotionResidual"]) -> tuple[Table, .
         phases = ("" if rms is None else f"{rms:.4g} ({100.0 * n / whole:.3g} %)" for rms, n in pairs)
         more = (entry.left_out or "", f"{entry.whole:.4g}") if left_out else ()
         rows.append((entry.joint, *phases, entry.unit, *more))
-    title = "RMS of the residual of all rows, and their share; at reversal: below 5 % of the top speed."
-    return (Table((*header, *(("left out", "all rows") if left_out else ())), rows, (0, 4), title),)
+    title = "RMS of the residual of all samples, and their share; at reversal: below 5 % of the top speed."
+    return (Table((*header, *(("left out", "all samples") if left_out else ())), rows, (0, 4), title),)
 
 
 def describe_alignment(alignment: "Alignment", joints: Sequence[str]) -> dict[str, object]:
@@ -257,7 +259,7 @@ def show_stiffness(found: "StiffnessEstimate") -> tuple[Block, ...]:
         for index, entry in enumerate(found.joints)
         if alignment.present[index]
     ]
-    header = ("joint", "stiffness", "from", "to (95 %)", "unit", "explained/1e-6", "left/1e-6", "verdict")
+    header = ("joint", "stiffness", "from", "to (95 %)", "unit", "explained/1e-6", "residual/1e-6", "verdict")
     springs = []
     for entry in found.joints:
         sizes = (1e6 * entry.explained, 1e6 * entry.left, entry.verdict.name.lower().replace("_", " "))
@@ -407,7 +409,7 @@ def _show_joint_friction(entry: "JointFriction") -> list[Block]:
     table = _show_parameters(shown, ".3g", {})
     meanings = ("rigid part" if line in rigid else line.reason or line.expression for line in shown)
     rows = [(*row, meaning) for row, meaning in zip(table.rows, meanings, strict=True)]
-    rms = f"{residual.std:.4g} {residual.unit} RMS over {residual.samples} rows"
+    rms = f"{residual.std:.4g} {residual.unit} RMS over {residual.samples} samples"
     parts += [
         Table((*table.header, "meaning"), rows, (0, 4, 5)) if shown else "no parameter is identifiable",
         _wrap(f"{entry.rigid}; residual {residual.relative_percent:.4f} % of the torque, {rms}"),
@@ -416,13 +418,13 @@ def _show_joint_friction(entry: "JointFriction") -> list[Block]:
     if motion is not None:
         words = zip(("in motion", "at reversal", "at rest"), motion.rms, motion.rows, strict=True)
         text = ", ".join(
-            f"{name} {rms:.4g} {motion.unit} ({100.0 * rows / sum(motion.rows):.3g} % of the rows)"
+            f"{name} {rms:.4g} {motion.unit} ({100.0 * rows / sum(motion.rows):.3g} % of the samples)"
             for name, rms, rows in words
             if rms is not None
         )
         if motion.left_out:
             whole = f"{motion.whole:.4g} {motion.unit}"
-            text += f"; {motion.left_out} of these rows were left out above, all of them have {whole}"
+            text += f"; {motion.left_out} of these samples were left out above, all of them have {whole}"
         parts.append(_wrap(f"RMS {text}"))
     if entry.poses is not None:
         parts += [*show_poses(entry.poses), _wrap(f"{entry.poses.verdict}.")]

@@ -60,11 +60,11 @@ _FLAT = 1.01
 """Ratio of objectives up to which a search has nothing to show."""
 _STILL = 1e-3
 """Speed of the slowest row over the fastest up to which rows reach standstill."""
-_LEFT = "What the model leaves unexplained of the logs of the fit."
+_LEFT = "Residual of the model in the logs of the fit."
 _TRIALS = (
     "Friction laws by their residual on held-out parts of the log. Squares: squared error relative to "
     "Coulomb + viscous + offset. Behind: difference from the best law in standard errors over the parts; of "
-    "those that it does not surely surpass, the law with the fewest parameters is chosen."
+    "those that are not significantly worse, the law with the fewest parameters is chosen."
 )
 _MOST_PARAMETERS = 12
 """Parameters in the figure of the least certain ones."""
@@ -111,7 +111,7 @@ def build_identification_page(
             "rows": estimate.rows,
             "estimator": estimate.estimator,
             "friction": estimate.friction,
-            "rows fitted": estimate.samples,
+            "samples fitted": estimate.samples,
             "condition number (column-scaled)": f"{estimate.condition:.4g}",
             "outcome": estimate.outcome.value,
         },
@@ -124,9 +124,9 @@ def _list_numbers(estimate: Estimate, validations: Sequence[Validation]) -> list
     worst, known = _find_worst(validations), pages.count_significant(estimate.parameters)
     if worst is not None:
         return [*_list_tried(worst), known]
-    text, whole = "of the torque unexplained, in the logs of the fit alone", estimate.mean_relative_percent
+    text, whole = "residual of the torque, in the logs of the fit alone", estimate.mean_relative_percent
     if estimate.evidence is not None:
-        text = "of the torque unexplained in stretches held out in turn"
+        text = "held-out residual of the torque (cross-validation)"
         whole = estimate.evidence.unexplained
     joint, most = max(_list_shares(estimate), key=itemgetter(1))
     where = f"of it at most, at {joint}"
@@ -148,7 +148,7 @@ def _find_worst(validations: Sequence[Validation]) -> Validation | None:
 
 def _list_tried(worst: Validation) -> list[tuple[str, str]]:
     joint = max(worst.residual, key=lambda entry: entry.relative_percent)
-    what = f"of the {QUANTITIES[worst.rows]} unexplained in the held-out log"
+    what = f"residual of the {QUANTITIES[worst.rows]} in the held-out log"
     found = [(pages.format_percent(worst.mean_relative_percent), what)]
     if len(worst.residual) == 1:
         return [*found, (f"{pages.format_digits(joint.std)} {pages.write_unit(joint.unit)}", "RMS of it")]
@@ -158,7 +158,7 @@ def _list_tried(worst: Validation) -> list[tuple[str, str]]:
 def _draw_worst(worst: Validation) -> Drawing:
     joint = max(worst.residual, key=lambda entry: entry.relative_percent).joint
     series = next((entry for entry in worst.series if entry.joint == joint), worst.series[0])
-    most = f" {joint}, the joint with most left." if len(worst.series) > 1 else ""
+    most = f" {joint}, the joint with the largest residual." if len(worst.series) > 1 else ""
     question = f"Does it predict motions that it was not fitted to?{most}"
     return draw_prediction(series, worst.rows, question)
 
@@ -172,8 +172,8 @@ def _draw_lead(estimate: Estimate, validations: Sequence[Validation]) -> Drawing
     pairs = _list_shares(estimate)
     most, _ = max(pairs, key=itemgetter(1))
     marks = [figures.Mark(name, value, pages.format_percent(value), name == most) for name, value in pairs]
-    caption = f"How much does it miss, joint by joint? Torque left in {where}."
-    return figures.build_mark_figure(caption, "unexplained (% of the joint's torque)", marks)
+    caption = f"How much does it miss, joint by joint? Residual in {where}."
+    return figures.build_mark_figure(caption, "residual (% of the joint's torque)", marks)
 
 
 def _show_choice(estimate: Estimate) -> Iterator[Block]:
@@ -200,10 +200,10 @@ def _show_choice(estimate: Estimate) -> Iterator[Block]:
             rows.append((*bands, entry.states, *sizes, "taken" if entry is choice.chosen else ""))
         title = (
             f"The best of {len(first)} settings that were compared, with the one taken: of those that "
-            "predict as well as the best (squares left, over those of the best; p of chance) and agree with "
-            "the lowest instruments (p of chance) the one of the widest rows."
+            "predict as well as the best (squared residual over that of the best; p-value) and agree with "
+            "the lowest instruments (p-value) the one of the widest band."
         )
-        header = ("rows up to/Hz", "instruments/Hz", "states", "held out/%", "squares", "p", "agrees, p")
+        header = ("band to/Hz", "instruments/Hz", "states", "held out/%", "squares", "p", "agrees, p")
         yield Table((*header, "choice"), rows, (2, 7), title)
 
 
@@ -402,13 +402,13 @@ def build_friction_figure(joint: friction.JointFriction) -> Drawing:
     if measured.slowest <= _STILL * float(np.max(np.abs(velocity), initial=0.0)):
         pieces = [slice(None)]
     cloud, means = (measured.cloud_velocity, measured.cloud_torque), (measured.velocity, measured.torque)
-    lines = [figures.Line("measured rows", "cloud", *cloud, joined=False)]
+    lines = [figures.Line("samples", "cloud", *cloud, joined=False)]
     for part in pieces:
         lines += [figures.Line(label, style, velocity[part], y[part]) for label, style, y in kinds]
-    lines.append(figures.Line("mean of them", "link", *means, markers=True, joined=False))
+    lines.append(figures.Line("mean of samples", "link", *means, markers=True, joined=False))
     return figures.build_curve_figure(
-        f"Does the law follow the friction of {joint.joint}? Rows that were measured, their means over "
-        f"intervals of velocity, and the law {joint.estimate.law} with its 95 % confidence band.",
+        f"Does the law follow the friction of {joint.joint}? Samples, their means over intervals of "
+        f"velocity, and the law {joint.estimate.law} with its 95 % confidence band.",
         (f"velocity ({joint.velocity_unit})", f"friction ({joint.unit})"),
         lines,
         height=380.0,
@@ -449,7 +449,7 @@ def build_friction_page(
             *(() if entry.selection is None else (entry.selection.verdict,)),
         ]
     left_out = "\n".join(f"{name}: {reason}" for name, reason in found.refused)
-    text = f"of the torque unexplained in {where}, at {first.joint}, the joint with most left"
+    text = f"residual of the torque in {where}, at {first.joint}, the largest of all joints"
     numbers = [(pages.format_percent(percent), text)]
     if tried is not None:
         numbers = _list_tried(tried)
@@ -494,7 +494,7 @@ def _show_search(entry: friction.JointFriction) -> Iterator[Block]:
     if len(history) >= 3 and max(history) > _FLAT * min(history):
         number, markers = np.arange(float(len(history))), len(history) < 40
         line = figures.Line("objective", "final", number, np.array(history), markers)
-        caption = "Did the search settle? Least objective after each iteration or generation."
+        caption = "Did the search converge? Least objective after each iteration or generation."
         labels = ("iteration or generation", f"objective (({entry.unit})²)")
         yield figures.build_line_figure(caption, labels, (line,), logarithmic=True, whole=True)
 

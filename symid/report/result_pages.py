@@ -57,8 +57,8 @@ _CHANCE = 0.01
 _FAR = 3.0
 """Deviations between the nearest body and least squares beyond which something else changed."""
 _MOST_MARKS = 30
-_SKIPPED = "The first {} samples do not count: no memory at the start explains them like the rest."
-_HELD_OUT = "of the output unexplained in held-out parts of the recording"
+_SKIPPED = "The first {} samples do not count: no initial state explains them like the rest."
+_HELD_OUT = "residual of the output in held-out parts of the recording"
 _POOR = 0.5
 """Of its value: a deviation beyond it leaves not even the first digit."""
 _NORMAL = 1.96
@@ -374,11 +374,11 @@ def judge_element(record: hysteresis.HysteresisRecord) -> FitVerdict:
     vague = 2 * sum(entry.deviation > abs(entry.value) for entry in spread) > len(spread)
     level = min(left, unseen, "usable" if vague else "good", key=LEVELS.index)
     headline = (
-        f"{record.model} with {record.candidates[0].count} parameters leaves {record.fitted:.3g} % of the "
-        f"output unexplained, {record.held_out:.3g} % held out."
+        f"{record.model} with {record.candidates[0].count} parameters: residual {record.fitted:.3g} % of the "
+        f"output, {record.held_out:.3g} % on held-out data."
     )
     if last > record.held_out:
-        headline += f" Of the last quarter, fitted to the rest, it leaves {last:.3g} %."
+        headline += f" Of the last quarter, predicted from the rest: {last:.3g} %."
     if vague:
         headline += " Most standard deviations exceed their values."
     if unseen != "good":
@@ -392,7 +392,7 @@ def judge_element(record: hysteresis.HysteresisRecord) -> FitVerdict:
         level=level,
         headline=headline,
         details=(
-            "Held out: every sixth part of the recording in turn.",
+            "Cross-validation over six parts of the recording.",
             *([_SKIPPED.format(record.skipped)] if record.skipped else []),
             *([] if record.timed else [untimed]),
         ),
@@ -402,13 +402,13 @@ def judge_element(record: hysteresis.HysteresisRecord) -> FitVerdict:
 
 def judge_element_trial(trial: hysteresis.HysteresisTrial) -> FitVerdict:
     """Return what an element predicts of another recording."""
-    headline = f"{trial.error:.3g} % of the output of this recording is left unexplained, means removed."
+    headline = f"The residual is {trial.error:.3g} % of the output of this recording (means removed)."
     details = [_SKIPPED.format(trial.skipped)] if trial.skipped else []
     if trial.beyond > 0.0:
         share = f"{100.0 * trial.beyond:.3g} % of its samples"
         details.append(f"{share} lie beyond the input of the fit, where the element extrapolates.")
     if trial.inverse is not None:
-        details.append(f"The inverse of the measured output misses the input by {trial.inverse:.3g} % of it.")
+        details.append(f"The error of the inverse is {trial.inverse:.3g} % of the input.")
     return FitVerdict(level=rate_output(trial.error), headline=headline, details=tuple(details))
 
 
@@ -460,7 +460,7 @@ def draw_element(record: hysteresis.HysteresisRecord) -> tuple[Drawing, ...]:
     size = float(np.sqrt(np.mean(error**2)))
     drift = 100.0 * abs(last - first) / size if size else 0.0
     moved = f"Does it drift? From half to half the mean residual changes by {drift:.2g} % of its rms."
-    caption = f"Output against input: does {record.model} follow the loops? It leaves "
+    caption = f"Output against input: does {record.model} follow the loops? Residual "
     caption += f"{pages.format_percent(record.fitted)} of the output."
     where = f"Does the model miss at some inputs? Most at {trace.position[worst]:.3g}."
 
@@ -515,7 +515,7 @@ def _draw_cycles(record: hysteresis.HysteresisRecord) -> Iterator[Drawing]:
     left = float(np.sqrt(np.mean((measured - predicted) ** 2)) / np.sqrt(np.mean(measured**2)))
     curves = (("measured", "link", measured), ("predicted", "predicted", predicted))
     yield build_curve_figure(
-        f"Is the lost energy right? Work of a cycle against its width: {100.0 * left:.2g} % is left, rms.",
+        f"Is the lost energy right? Work of a cycle against its width: rms error {100.0 * left:.2g} %.",
         (
             f"width of the cycle ({x or 'unit of the input'})",
             f"work ({f'{y} {x}' if x and y else 'units of input and output'})",
@@ -547,9 +547,12 @@ def _draw_branches(record: hysteresis.HysteresisRecord) -> Iterator[Drawing]:
     size = float(np.sqrt(np.mean(mean**2))) if mean.size else 0.0
     spread = float(np.sqrt(np.nanmean((rows - mean) ** 2))) / size if size else 0.0
     yield build_curve_figure(
-        "Masing's rule? Measured branches after reversals, moved to one point, those downwards "
-        f"turned: {100.0 * spread:.2g} % of their rms is spread.",
-        (f"way of {name} from the reversal ({unit or 'unit of the file'})", f"change of {record.names[1]}"),
+        "Masing's rule? Measured branches after reversals, moved to one point, those downwards turned: "
+        f"{100.0 * spread:.2g} % of their rms is scatter.",
+        (
+            f"change of {name} since the reversal ({unit or 'unit of the file'})",
+            f"change of {record.names[1]}",
+        ),
         moved,
         height=300.0,
     )
@@ -597,7 +600,7 @@ def write_element_page(path: Path, record: hysteresis.HysteresisRecord, *, sourc
             ("samples", str(record.samples)),
             (record.names[0], f"{record.span[0]:g} to {record.span[1]:g} {record.units[0]}".rstrip()),
         ),
-        conventions="work is what goes in: output times way of the input",
+        conventions="work is that done on the element: output times change of the input",
         units="Units are those of the file",
     )
 

@@ -430,7 +430,7 @@ def list_remarks(robot: Robot, found: "OptimisedExcitation", seed: int) -> tuple
     return (
         f"{robot.name}: {found.trajectory.source}, seed {seed}",
         f"condition number of the scaled regressor {sizes}",
-        f"of every limit at least {1.0 - max(margin.share or 0.0 for margin in found.margins):.1%} is left",
+        f"margin to every limit: at least {1.0 - max(margin.share or 0.0 for margin in found.margins):.1%}",
     )
 
 
@@ -527,9 +527,8 @@ def warn_payload(found: "Payload") -> tuple[Notice, ...]:
         texts["refused"] = f"not identifiable: {names}; do not enter guessed values in a controller"
     if found.unexplained and found.doubtful:
         texts["other-changes"] = (
-            f"base parameters changed in a way that no payload explains: {_list_changes(found.unexplained)}. "
-            "Something else changed between the logs, or friction and filters bias one of them; use the same "
-            "motions"
+            f"base parameters changed as no payload explains: {_list_changes(found.unexplained)}. Something "
+            "else changed between the logs, or friction and filters bias one of them; use the same motions"
         )
     if found.friction:
         changes = f"friction changed: {_list_changes(found.friction)}"

@@ -203,7 +203,7 @@ def _list_gains(found: Sequence[paper.GainStudy]) -> Table:
         f"{floors} %. Where that is more than the paper prints, it had not both H1 and this noise.\n"
         "Held out: the same fits on another draw of the same motion."
     )
-    title = "Table 4: how much less the improved law leaves, percent of the sum of squares"
+    title = "Table 4: reduction of the sum of squares by the improved law, percent"
     header = ("joint, against", "ours is", "paper", "ours", "deviation", "miss", "held out", "in RMS")
     return Table((*header, "paper in RMS"), rows, (0, 1), title, note)
 
@@ -371,11 +371,11 @@ def show_many_joints(result: "studies.elastic_methods.ManyJointsResult") -> Tabl
         for suffix, values in (("", entry.residual), (", true parameters", entry.floor))
     ]
     title = (
-        f"{result.robot}, {result.condition.value}: {result.parameters} parameters; "
-        "what is left of the torque of a held-out motion, in percent"
+        f"{result.robot}, {result.condition.value}: {result.parameters} parameters; residual of the torque "
+        "of a held-out motion, in percent"
     )
     sizes = f"elimination {result.condition_elimination:.3g}, energy {result.condition_energy:.3g}"
-    conditions = f"condition of the column-scaled rows: {sizes}"
+    conditions = f"condition of the column-scaled regressor: {sizes}"
     return Table(["method", *result.joints], rows, title=title, note=conditions)
 
 
@@ -653,7 +653,7 @@ def _draw_torque(index: int, seed: int) -> Drawing:
     lines, fits = _fit_laws(samples, samples.time, samples.velocity)
     viscous, stribeck = (100.0 * (1.0 - fits[-1].objective / fit.objective) for fit in fits[:2])
     caption = (
-        f"Joint {scene.joint} in the motion of Table 4: in this draw the improved law leaves {viscous:.1f} % "
+        f"Joint {scene.joint} in the motion of Table 4: in this draw the improved law has {viscous:.1f} % "
         f"less squared error than Coulomb + viscous and {stribeck:.1f} % less than the original Stribeck "
         "law. The first gain is calibrated by the noise, the second a prediction."
     )

@@ -226,7 +226,7 @@ def _show_compared(ours: "EstimateSide", found: "Compared") -> tuple[Block, ...]
         mine, theirs = float(comparison.ours.values[place]), float(comparison.theirs.values[place])
         share = f" ({100.0 * (mine - theirs) / abs(theirs):+.3g} %)" if theirs else ""
         lines.append(
-            f"  {found.groups[place].text}: ours {mine:.4g} is {_format_deviations(abs(distance))} "
+            f"  {found.groups[place].text}: ours {mine:.4g} is {_format_deviations(abs(distance))} standard "
             f"deviations {'above' if distance > 0 else 'below'} the other's {theirs:.4g}{share}"
         )
     with_these = " with these" if found.absent or found.neither else ""
@@ -262,7 +262,7 @@ def _summarise_agreement(found: "Compared") -> str:
     if not judged:
         return "neither side states standard deviations: agreement cannot be judged"
     counts = ", ".join(
-        f"{comparison.count_within(limit)} of {judged} within {limit:g} deviations "
+        f"{comparison.count_within(limit)} of {judged} within {limit:g} standard deviations "
         f"({share * judged:.0f} expected)"
         for limit, share in _LIMITS
     )
@@ -277,7 +277,7 @@ def _summarise_agreement(found: "Compared") -> str:
         if total.chance > _TOO_SURE:
             text += "; too small for independent errors: both may come from the same log"
     if total.stretch > 1.0:
-        text += f"; it would be as expected with deviations {total.stretch:.2g} times as large"
+        text += f"; it would be as expected with standard deviations {total.stretch:.2g} times as large"
     return f"{counts}\n{text}"
 
 
@@ -339,8 +339,8 @@ def _warn_compared(found: "Compared") -> Iterator[Notice]:
 
     def describe(reading: "OpenReading", tried: "TriedReading") -> str:
         return (
-            f"{found.groups[reading.group].text} is {_format_deviations(abs(tried.before))} deviations away "
-            f"as it stands, and {_format_deviations(abs(tried.after))} if it contains "
+            f"{found.groups[reading.group].text} is {_format_deviations(abs(tried.before))} standard "
+            f"deviations away as it stands, and {_format_deviations(abs(tried.after))} if it contains "
             f"{_write_reading(found, reading)[0]} too"
         )
 

@@ -141,8 +141,8 @@ def _find_lost(residual: Sequence[Residual], logs: str) -> Caps:
         if not 100.0 * math.hypot(*(entry.norm for entry in residual)) > POLICY.lost * whole:
             return []
     mean = sum(shares) / len(shares)
-    text = f"{mean:.3g} % of the torque" if math.isfinite(mean) else "more torque than there is"
-    return [("wrong", f"the model does not explain {logs}: {text} is left, on the mean of the joints")]
+    text = f"{mean:.3g} % of the torque" if math.isfinite(mean) else "larger than the torque"
+    return [("wrong", f"the model does not explain {logs}: the residual is {text} (mean over joints)")]
 
 
 _OWN = "the logs of the fit"
@@ -154,28 +154,28 @@ _SAME, _DIFFERENT = "same", "different"
 def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
     """Return level, headline and limits: prediction, consistency, physics, data and causes."""
     percent = evidence.unexplained
-    parts = f"{evidence.logs} logs held out in turn" if evidence.logs else f"{evidence.stretches} stretches"
+    parts = f"{evidence.logs} logs" if evidence.logs else f"{evidence.stretches} stretches"
     headline = (
-        f"Below {evidence.scoring:.3g} Hz {percent:.3g} % of the torque is left unexplained in {parts}, "
-        "predicted by fits to the others."
+        f"Held-out residual below {evidence.scoring:.3g} Hz: {percent:.3g} % of the torque (cross-validation "
+        f"over {parts})."
     )
     level, caps = rate_output(percent), _list_causes(evidence)
     if level == "wrong" and evidence.fitted <= POLICY.usable:
-        # The model can follow these rows, and they are too few to tell its parameters.
+        # The model can follow these rows, and they are too few to identify its parameters.
         level = "doubtful"
         caps.append(
-            (level, f"the fit itself leaves {evidence.fitted:.3g} %: the logs are too short for the model")
+            (level, f"the fit itself has {evidence.fitted:.3g} %: the logs are too short for the model")
         )
     elif level == "wrong":
-        said = "" if evidence.causes else "; no single mistake that is tried explains it"
-        text = f"the model is not that of these logs: {percent:.3g} % of held-out torque is left{said}"
+        said = "" if evidence.causes else "; no single mistake that was tested explains it"
+        text = f"the model does not describe these logs: held-out residual {percent:.3g} %{said}"
         caps.append((level, text))
     least = [entry for entry in evidence.joints if entry.held_out > POLICY.usable]
     if least and len(evidence.joints) > 1:
         # Some joints alone make no fit wrong.
         least.sort(key=lambda entry: -entry.held_out)
-        listed = ", ".join(f"{entry.held_out:.3g} % of {entry.joint}" for entry in least)
-        caps.append(("doubtful", f"more is left unexplained of single joints: {listed}"))
+        listed = ", ".join(f"{entry.joint} {entry.held_out:.3g} %" for entry in least)
+        caps.append(("doubtful", f"single joints have larger residuals: {listed}"))
     caps += _list_contradictions(evidence)
     finds = 'gravity = "unknown" or zeros = "unknown" in the robot file finds it'
     caps += [
@@ -185,19 +185,19 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
     ]
     off = [f"{entry.joint} {entry.part}" for entry in evidence.tests if entry.what == "scale"]
     if off:
-        text = f"torques have another size than the robot file's values give: {', '.join(off)}"
+        text = f"the torques differ in scale from the robot file's values: {', '.join(off)}"
         caps.append(("doubtful", f"{text}; check unit, gear and torque constant, or these values"))
     if evidence.impossible:
         bounded = min(_rate(evidence.bounded), "usable", key=LEVELS.index)
-        text = f"{'; '.join(evidence.impossible)}; bodies that exist leave {evidence.bounded:.3g} %"
+        text = f"{'; '.join(evidence.impossible)}; consistent bodies have {evidence.bounded:.3g} %"
         caps.append((bounded, text))
     caps += [
-        ("usable", f"{first} and {second} move in proportion: what belongs to which cannot be seen")
+        ("usable", f"{first} and {second} move in proportion: their parameters cannot be separated")
         for first, second in evidence.in_proportion
     ]
     if evidence.period:
         caps.append(
-            ("usable", f"the motion repeats every {evidence.period:.3g} s: no other one has tested the fit")
+            ("usable", f"the motion repeats every {evidence.period:.3g} s: the fit was tested on no other")
         )
     return level, headline, caps
 
@@ -211,10 +211,12 @@ def _list_causes(evidence: Evidence) -> Caps:
         level = min("usable", _rate(worst), key=LEVELS.index)
         said = "; or ".join(entry.cause for entry in evidence.causes)
         return [
-            (level, f"one of these would explain what is left: {said}" if len(evidence.causes) > 1 else said)
+            (level, f"one of these would explain the residual: {said}" if len(evidence.causes) > 1 else said)
         ]
     only = evidence.causes[0]
-    text = f"{only.cause}: undone, {only.after:.3g} % is left of held-out torque, not {only.before:.3g} %"
+    text = (
+        f"{only.cause}: corrected, the held-out residual falls from {only.before:.3g} % to {only.after:.3g} %"
+    )
     return [("wrong" if worst > POLICY.good else "usable", text)]
 
 
@@ -260,7 +262,7 @@ def _list_validation_caps(held_out: Sequence[Validation]) -> Caps:
     level = _rate(percent)
     if level != "good":
         limit = POLICY.good if level == "usable" else POLICY.usable
-        caps.append((level, f"more than {limit:g} % of a held-out log is left unexplained"))
+        caps.append((level, f"the residual of a held-out log exceeds {limit:g} %"))
     return caps
 
 
@@ -270,8 +272,8 @@ def judge_identification(estimate: Estimate, validations: Sequence[Validation]) 
     evidence = estimate.evidence
     logs = "one log" if len(estimate.sources) == 1 else f"{len(estimate.sources)} logs"
     text = (
-        f"Fitted to {logs}, {estimate.samples} {estimate.rows} rows: "
-        f"{estimate.mean_relative_percent:.3g} % is left unexplained there, on the mean of the joints."
+        f"Fitted to {logs}, {estimate.samples} {estimate.rows} samples: residual "
+        f"{estimate.mean_relative_percent:.3g} % (mean over joints)."
     )
     details = [text, *([_FITTED] if len(held_out) < len(validations) else [])]
     # Small parameters of a large robot are uncertain in any log; their deviations say so.
@@ -287,14 +289,14 @@ def judge_identification(estimate: Estimate, validations: Sequence[Validation]) 
         least = max(evidence.joints, key=lambda entry: entry.held_out, default=None)
         if least is not None:
             details.append(
-                f"The least predictable joint is {least.joint}: {least.held_out:.3g} % of its held-out "
-                f"torque is left ({least.fitted:.3g} % in the fit, {least.moving:.3g} % in motion)."
+                f"The least predictable joint is {least.joint}: held-out residual {least.held_out:.3g} % of "
+                f"its torque ({least.fitted:.3g} % in the fit, {least.moving:.3g} % in motion)."
             )
         slow = max((entry.share for entry in evidence.joints), default=0.0)
         if slow > 0.0:
             details.append(
-                f"Up to {100.0 * slow:.3g} % of the rows of a joint are slow and were left out of the fit; "
-                "the residuals above count them."
+                f"Up to {100.0 * slow:.3g} % of a joint's samples are slow and were left out of the fit; the "
+                "residuals above include them."
             )
         if evidence.covered:
             ranges = "; ".join(
@@ -328,9 +330,9 @@ def _judge_prediction(estimate: Estimate, validations: Sequence[Validation]) -> 
     if not same:
         worst = max(validations, key=lambda validation: validation.mean_relative_percent)
         return "usable", (
-            f"On held-out logs {worst.mean_relative_percent:.3g} % of the {QUANTITIES[worst.rows]}"
-            f"{_name_band(worst)} is left unexplained; the fit was to {estimate.rows} rows, so the two "
-            "residuals cannot be compared."
+            f"The residual of held-out logs is {worst.mean_relative_percent:.3g} % of the "
+            f"{QUANTITIES[worst.rows]}{_name_band(worst)}; the fit was to {estimate.rows} equations, so the "
+            "two residuals cannot be compared."
         )
 
     def compute_rms(residual: Residual) -> float:
@@ -349,17 +351,17 @@ def _judge_prediction(estimate: Estimate, validations: Sequence[Validation]) -> 
         ratios = ratios or [entry.mean_relative_percent / whole if whole else 1.0]
         ratio, source = max((ratio, source), (max(ratios), entry.source))
     percent = max(validation.mean_relative_percent for validation in same)
-    left = f"{percent:.3g} % of the {QUANTITIES[estimate.rows]}{_name_band(same[0])} is left unexplained"
+    left = f"residual {percent:.3g} % of the {QUANTITIES[estimate.rows]}{_name_band(same[0])}"
     if ratio**2 <= POLICY.fall_of_all:
         return "good", f"The model predicts held-out motions as well as those of the fit: {left}."
-    larger = f"{left}, a residual {ratio:.2g} times as large ({source})"
+    larger = f"{left}, {ratio:.2g} times that of the fit ({source})"
     if ratio <= POLICY.fall and percent <= POLICY.good:
         return "good", f"The model predicts held-out motions nearly as well as those of the fit: {larger}."
     if ratio <= POLICY.fall or percent <= POLICY.good:
         return "usable", f"The model predicts held-out motions less well than those of the fit: {larger}."
     return "doubtful", (
         f"The model does not predict held-out motions: on {source} the residual is {ratio:.2g} times that of "
-        f"the fit, {left}. A term is missing in the model."
+        f"the fit ({left}). A term is missing in the model."
     )
 
 
@@ -402,7 +404,7 @@ def _judge_parameters(
     missed = [] if drawn else _list_missed(known, tolerance)
     if missed:
         level = "doubtful" if 2 * len(missed) > len(known) else "usable"
-        caps.append((level, f"true values are missed beyond chance: {', '.join(missed)}"))
+        caps.append((level, f"estimates differ significantly from true values: {', '.join(missed)}"))
     if not small and 2 * len(uncertain) > len(parameters):
         text = (
             f"{len(uncertain)} of {len(parameters)} parameters are uncertain by over {POLICY.uncertain:g} %"
@@ -458,8 +460,8 @@ def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
     held_out = [trial for trial in trials if not trial.fitted]
     worst = max(entry.relative_percent for entry in estimate.residual)
     text = (
-        f"Method {estimate.method} ({estimate.outcome.value}): at most {worst:.3g} % of a motor's torque is "
-        "left unexplained in the logs of the fit."
+        f"Method {estimate.method} ({estimate.outcome.value}): residual at most {worst:.3g} % of a motor's "
+        "torque in the logs of the fit."
     )
     details = [text, *([_FITTED] if len(held_out) < len(trials) else [])]
     caps: Caps = _find_lost(estimate.residual, _OWN)
@@ -496,27 +498,27 @@ def _judge_stretches(estimate: ElasticEstimate, evidence: ElasticEvidence) -> tu
     """Return level, headline and limits by held-out stretches of the logs, and by what springs leave."""
     percent, noise = max(evidence.held_out), max(evidence.noise)
     text = (
-        f"Fits to other stretches of the logs leave at most {percent:.3g} % of a motor's torque unexplained, "
-        f"{noise:.2g} times its noise"
+        f"Held-out residual of the dynamics at most {percent:.3g} % of a motor's torque, {noise:.2g} times "
+        "its noise"
     )
     told = {spring.joint for spring in estimate.springs if spring.identifiable}
     joints = zip(evidence.springs, estimate.residual, strict=False)
     springs = [share for share, entry in joints if entry.joint in told]
     if springs:
-        text += f"; the springs leave at most {max(springs):.3g} % of a joint's torque"
+        text += f"; of the springs at most {max(springs):.3g} % of a joint's torque"
     caps: Caps = []
     # Of a parameter; beyond its limit it is no chance.
     apart, known = (100.0 * POLICY.relevance * ratio for ratio in (evidence.contradiction, evidence.known))
     if _rate(apart) != "good":
         reason = (
-            "with springs the dynamics come out otherwise than without: encoders or springs differ from the "
-            f"model (a parameter by {apart:.2g} %)"
+            "the dynamics with springs differ from those without: encoders or springs differ from the model "
+            f"(a parameter by {apart:.2g} %)"
         )
         caps.append((_rate(apart), reason))
     if evidence.drifting:
         caps.append(("usable", f"friction of {', '.join(evidence.drifting)} changes during the logs"))
     if evidence.known > 1.0:
-        reason = f"what was known contradicts the logs (a parameter by {known:.2g} %)"
+        reason = f"known parameters contradict the logs (one by {known:.2g} %)"
         caps.append((min("usable", _rate(known), key=LEVELS.index), reason))
     return _rate(max(percent, *springs, 0.0)), f"{text}.", caps
 
@@ -531,7 +533,7 @@ def _judge_springs(trials: Sequence[ElasticTrial]) -> tuple[str, str, str]:
     whole = f"{dynamics:.3g} % of a motor's torque"
     springs = [(joint, joint.final) for joint in joints if joint.final is not None]
     if len(springs) < len(joints):
-        headline = f"On held-out motions the model leaves at most {whole} unexplained."
+        headline = f"On held-out motions the residual is at most {whole}."
         return _rate(dynamics), headline, "A joint has no identified spring: its torque cannot be predicted."
     # By the link's torque, which has the noise of encoders alone; the motor's is noise for weak joints.
     spring = max(_compute_share(joint.link, final) for joint, final in springs)
@@ -542,11 +544,11 @@ def _judge_springs(trials: Sequence[ElasticTrial]) -> tuple[str, str, str]:
         stiffness = float(joint.torsion @ joint.link) / scale if scale else 0.0
         linear = max(linear, _compute_share(joint.link, stiffness * joint.torsion))
     headline = (
-        f"On held-out motions the springs leave at most {spring:.3g} % of a joint's torque unexplained, the "
-        f"dynamics {whole}."
+        f"On held-out motions the residual of the springs is at most {spring:.3g} % of a joint's torque, of "
+        f"the dynamics {whole}."
     )
-    verb = "more" if spring <= (1.0 - POLICY.relevance) * linear else "no more"
-    text = f"The best linear springs leave {linear:.3g} %: springs with memory explain {verb}."
+    verb = "better" if spring <= (1.0 - POLICY.relevance) * linear else "no better"
+    text = f"The residual of the best linear springs is {linear:.3g} %: springs with memory predict {verb}."
     return _rate(max(dynamics, spring)), headline, text
 
 
@@ -564,14 +566,12 @@ def _compute_share(torque: FloatArray, predicted: FloatArray) -> float:
 def judge_trial(found: AnyValidation, estimate: AnyEstimate | None = None) -> FitVerdict:
     """Return the verdict on what a fit predicts of a log, by the same limits as on a fit.
 
-    With the `estimate` its own residual counts too, where it is of rows of the same kind.
+    With the `estimate` its own residual counts too, where it is of equations of the same kind.
     """
     percent, own, band = found.mean_relative_percent, False, ""
     if isinstance(found, RigidValidation):
         band = _name_band(found.validation) if found.band is None else f" below {found.band.band:.3g} Hz"
-    headline = (
-        f"{percent:.3g} % of the torque{band} is left unexplained in the log, on the mean of the joints."
-    )
+    headline = f"The residual is {percent:.3g} % of the torque{band} (mean over joints)."
     level = _rate(percent)
     details: list[str] = []
     match found:
@@ -624,13 +624,13 @@ def judge_friction(found: FrictionIdentification, validations: Sequence[Validati
         level = "usable"
         headline += f" The held-out residual is {max(ratios):.2g} times that of the fit."
     if held_out:
-        text = f"{percent:.3g} % of the torque is left unexplained in a held-out log (mean of joints)"
+        text = f"The residual of a held-out log is {percent:.3g} % of the torque (mean over joints)"
         headline = f"{headline} {text}."
     caps: Caps = _find_lost([entry.residual for entry in found.joints], _OWN)
     worst = max(entry.residual.relative_percent for entry in found.joints)
     if worst > POLICY.good:
         where = " in the logs of the fit" if held_out else ""
-        caps.append((_rate(worst), f"{worst:.3g} % of a torque is left unexplained{where}"))
+        caps.append((_rate(worst), f"the residual is {worst:.3g} % of a torque{where}"))
     caps += _list_validation_caps(held_out)
     below = [
         entry.joint
@@ -638,7 +638,7 @@ def judge_friction(found: FrictionIdentification, validations: Sequence[Validati
         if any(one.name == "fE" and one.value < -SIGNIFICANT * one.std for one in entry.estimate.parameters)
     ]
     if below:
-        text = "friction falls towards rest, where a Stribeck law has it rise"
+        text = "friction falls towards zero speed, where a Stribeck law has it rise"
         caps.append(("usable", f"the static excess of {', '.join(below)} is negative: {text}"))
     lost = [f"{name} of {entry.joint}" for entry in found.joints for name, _ in entry.estimate.refused]
     if lost:

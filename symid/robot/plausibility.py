@@ -69,7 +69,7 @@ def explain_correction(mass: float, com: Sequence[float], stated: Sequence[float
         trials.append(("with another sign of a product of inertia they are possible", turned))
     added = [a + b for a, b in zip(stated, _shift_tensor(mass, com, 1), strict=True)]
     trials.append(
-        ("they are those about the centre of mass less m c^2: the shift was taken off twice", added)
+        ("they are those about the centre of mass less m c^2: the shift was subtracted twice", added)
     )
     for words, entries in trials:
         if _is_possible(mass, entries):

@@ -75,7 +75,7 @@ _MEANING = {
     "automatic": "what is not stated is chosen from the log",
     "drop_first": "samples, after differentiation",
     "drop_last": "likewise",
-    "standstill": "rad/s or m/s: slower rows of a joint are left out",
+    "standstill": "rad/s or m/s: slower samples of a joint are left out",
     "instrument_cutoff": "Hz",
     "states": "position, velocity or acceleration: up to which columns of the log are used",
 }

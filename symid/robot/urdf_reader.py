@@ -222,7 +222,7 @@ def _resolve_mimic(
     elif not why and reading.joints[path[-1]].type == "fixed":
         why = "follow a fixed joint"
     if why:
-        text = f"joints {{}}: {why}, and stand still at their offset"
+        text = f"joints {{}}: {why}, and rest at their offset"
         reading.group("robot.follower-still", text, f"'{joint.name}'", element)
     return replace(step, master=None) if why or still else step
 

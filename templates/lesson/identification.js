@@ -105,7 +105,7 @@ const explain = (i) => {
   const path = jointPath(link).reverse(), still = path.filter(stands), next = D.joints.map((_, k) => k).filter((k) => D.joints[k].parent === link && stands(k)), after = (k) => (D.joints[k].parent < 0 ? "the base" : `link ${D.joints[k].parent + 1}`);
   if (still.length === path.length) return `no joint that carries link ${link + 1} moves`;
   // A link that moves has what does not move behind it for a part of it.
-  if (still.length || next.length) return (still.length ? still : next).map((k) => `joint ${k + 1} stands still, so link ${k + 1} moves with ${after(k)}`).join("; ");
+  if (still.length || next.length) return (still.length ? still : next).map((k) => `joint ${k + 1} is at rest, so link ${k + 1} moves with ${after(k)}`).join("; ");
   return `link ${link + 1} moves, but this motion does not separate its parameters from others`;
 };
 

@@ -261,7 +261,7 @@ const move = (q) => { state.q = q; q.forEach((value, k) => sliders[k].set(value)
 addButton("zero posture", () => move(state.q.map((_, k) => { const limits = D.joints[D.coordinates[k]].limits; return limits ? Math.min(Math.max(0, limits[0]), limits[1]) : 0; })));
 addButton("start again", () => move(D.coordinates.map((joint, place) => middle(D.joints[joint], place))));
 
-// Motions that cannot tell parameters apart.
+// Motions that do not separate parameters.
 const stopPlaying = () => { playing = null; };
 const WHY = {
   M: (j) => `Joint ${j} turns: a mass on its axis stays where it is. No torque of joint ${j} shows it, and the link before carries it.`,

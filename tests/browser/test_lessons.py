@@ -241,7 +241,7 @@ def test_a_motion_identifies_what_the_regressor_of_the_library_says(visit, name)
     assert (rank < rows.shape[1]) == (name != "two_link")
     unseen = "document.querySelector('.unseen')"
     told = browser.run(f"{unseen}.hidden ? '' : {unseen}.textContent")
-    for text in (f"({seen.count(False)})", "stands still, so link"):
+    for text in (f"({seen.count(False)})", "is at rest, so link"):
         assert (text in told) == (rank < rows.shape[1])
 
 

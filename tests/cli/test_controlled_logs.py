@@ -77,7 +77,7 @@ def test_output_error_gives_the_truth_back(folder, logs):
     assert not find_codes(answer) & {"identify.tracking"}
     assert_true(result, 0.01, 0.03)
     told = result["settings"]["fit"]
-    assert told["start"] == "torque rows by wls"
+    assert told["start"] == "torque equations by wls"
     assert told["iterations"] == len(told["changes"]) <= 6
     assert told["changes"][-1] < 0.05
     assert told["controller"]["stiffness"] == [400.0, 60.0]

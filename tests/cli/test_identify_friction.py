@@ -62,7 +62,7 @@ def test_a_law_is_chosen_and_its_parameters_told(axis_log, tmp_path):
     assert "held out/%" in out
     assert "chosen" in out
     assert "held-out" in out.replace("\n", " ")
-    assert "the rigid part J ddq was fitted along" in out
+    assert "the rigid part J ddq was fitted jointly" in out
     assert "Traceback" not in err
     data = json.loads(output.read_text())
     assert (data["format"], data["kind"]) == ("symid fit", "friction")
@@ -81,8 +81,8 @@ def test_a_law_is_chosen_and_its_parameters_told(axis_log, tmp_path):
     held_out = ("--force", "--validation", other, "--test", "20%:")
     assert do("report", output, "-o", page, *held_out)["result"]["validations"] == [str(other)]
     text = page.read_text()
-    assert f"<dt>of the torque unexplained in the held-out log</dt><dd>{left:.2g} %</dd>" in text
-    assert f"{left:.3g} % of the torque is left unexplained in a held-out log" in text
+    assert f"<dt>residual of the torque in the held-out log</dt><dd>{left:.2g} %</dd>" in text
+    assert f"The residual of a held-out log is {left:.3g} % of the torque" in text
     assert "Measured and predicted force of" in text
     code, answer = ask("report", output, "-o", page, "--force", "--validation", axis_log)
     assert "A log given for validation is one of the fit" in str(answer["result"]["verdict"]["details"])

@@ -52,7 +52,7 @@ def test_a_wrong_fit_exits_1_and_is_written(logs, fits):
     code, out, err = call("identify", "two_link", logs[2])
     assert code == 1
     assert out.startswith("verdict: wrong - ")
-    assert "; no single mistake that is tried explains it.\nremedy: " in out
+    assert "; no single mistake that was tested explains it.\nremedy: " in out
     assert err.splitlines()[-1].startswith("error: ")
     code, answer = ask("identify", "two_link", logs[2])
     assert (code, answer["ok"]) == (1, False)

@@ -1,6 +1,7 @@
 """Examples of pages in Python: the blocks of a section run, one after the other, and hold what they say."""
 
 import re
+import shutil
 
 import numpy as np
 import pytest
@@ -43,6 +44,7 @@ def test_friction_with_a_memory(tmp_path, monkeypatch, capsys):
 
 
 def test_every_picture_of_the_gallery_is_drawn_by_the_lines_above_it(tmp_path, monkeypatch):
+    shutil.copytree(DOCS / "own_robot", tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     page = (DOCS / "gallery.md").read_text(encoding="utf-8")
     blocks, pictures = BLOCK.findall(page), re.findall(r"\{image\} gallery/(\w+\.svg)", page)

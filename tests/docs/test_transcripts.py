@@ -98,6 +98,20 @@ def test_from_urdf_to_urdf(tmp_path):
     assert all(after < 0.3 * before)
 
 
+TRUTHS = {"Fc4": 0.3, "Fe4": 0.15, "vs4": 0.3, "g_x": 1.7035, "g_y": 0.0, "g_z": -9.661}
+"""Of `docs/questions/rig.toml`, and of the page on gravity."""
+
+
+@pytest.mark.usefixtures("c_compiler")
+@pytest.mark.parametrize(("page", "names"), [("bad_wrist", 3), ("gravity", 3), ("short_log", 0)])
+def test_answers_to_questions(page, names, tmp_path):
+    _, (printed,) = retrace(f"{page}.md", tmp_path, "questions")
+    last = re.findall(r"(\w+) = (-?[\d.]+) \+- ([\d.]+)", printed)[-4:]
+    found = [(name, float(value), float(std)) for name, value, std in last if name in TRUTHS]
+    assert len(found) == names
+    assert all(abs(value - TRUTHS[name]) < 4.0 * std for name, value, std in found)
+
+
 def test_hysteresis_from_a_file_to_c_code(tmp_path, monkeypatch, capsys, c_compiler):
     folder, _ = retrace("hysteresis.md", tmp_path)
     page = read("hysteresis.md")

@@ -195,7 +195,7 @@ def test_the_page_has_what_processing_does(project, fits, moving):
     told = {row[0]: row[1:] for row in rows}
     cases = {
         "chosen from the log": [fits["torque", name] for name in ("ols", "wls")],
-        "rows below 0.1 rad/s left out": [moving[name] for name in ("ols", "wls")],
+        "samples below 0.1 rad/s left out": [moving[name] for name in ("ols", "wls")],
     }
     for case, estimates in cases.items():
         ols, wls = ({entry.name: entry for entry in found.parameters} for found in estimates)

@@ -104,7 +104,7 @@ def test_values_that_the_logs_contradict_are_told_and_judged(mixed, log, folder)
     assert deviation < 1e-3
     assert fit.estimate.evidence.known > 5.0
     assert fit.verdict.level == "usable"
-    assert "what was known contradicts the logs (a parameter by 10 %)" in fit.verdict.headline
+    assert "known parameters contradict the logs (one by 10 %)" in fit.verdict.headline
     # A combination of small errors is told by its farthest.
     right = mixed.identify(log, known=draw(folder))
     assert right.estimate.evidence.known < 1.0

@@ -32,7 +32,7 @@ def test_a_law_with_a_state_is_chosen_and_leaves_what_the_true_one_leaves(kind, 
     assert found.estimate.law == f"{kind}+offset"
     assert found.motion.whole <= 1.1 * presliding.measure_truth(joint, robot, log)
     assert found.motion.left_out == 0
-    assert "At all rows" in found.selection.verdict
+    assert "On all samples" in found.selection.verdict
     named = {entry.name: entry for entry in found.estimate.parameters}
     for name, truth in (("fC", joint.coulomb), ("fS", joint.static), ("fV", joint.viscous)):
         assert abs(named[name].value - truth) <= max(4.0 * named[name].std, 0.05 * truth), name

@@ -13,5 +13,5 @@ const char *symid_two_link_signature(void)
 
 const char *symid_two_link_digest(void)
 {
-    return "64cc1f875c81b5ea0446b0d6bcf13a492d75e58e4b8662c2858be53f07c80b81";
+    return "12da50bdaf91382fb84f260d93bc05b1a6ddd2e1a8907421f2f3f13dd282549b";
 }

@@ -502,7 +502,7 @@ def _list_sizes(
         offsets = ", ".join(f"{-zero:.3g}" if place == joint else "0" for place in range(count))
         remedy = (
             f"add offset = [{offsets}] to [log.position], or {-zero:.3g} to its theta in the robot file; "
-            f'zeros = ["{names[joint]}"] there finds it with its deviation'
+            f'zeros = ["{names[joint]}"] there finds it with its standard deviation'
         )
         family = f"zero of {names[joint]}"
         yield Hypothesis("log.joint-zero", family, cause, remedy, turn(zero), (joint,), tried=_STEPS)

@@ -89,7 +89,7 @@ FIT_WARNINGS: Mapping[str, FitWarning] = {
         "leave {spoilt} samples out with {settings}",
     ),
     "identify.structure": FitWarning(
-        "{joint}: a term of {term} explains {gain:.0f} % of the squared residual of held-out rows", "{advice}"
+        "{joint}: a term of {term} explains {gain:.0f} % of the squared held-out residual", "{advice}"
     ),
     "identify.tracking": FitWarning(
         "simulated and measured positions differ by more than {limit:g} % of the tracking error (in "
@@ -99,7 +99,7 @@ FIT_WARNINGS: Mapping[str, FitWarning] = {
     ),
     "identify.biased-wls": FitWarning(
         "{verdict}",
-        "fits of torque rows to this log are biased alike: check processing.filter_cutoff, decimation and "
+        "fits of torque equations to this log are biased too: check processing.filter_cutoff, decimation and "
         "processing.standstill",
     ),
     "diagnosis.other-values": FitWarning(

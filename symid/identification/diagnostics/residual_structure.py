@@ -99,14 +99,14 @@ FAMILIES: dict[str, Family] = {
     ),
     "velocity": Family(
         lambda m: [np.abs(m.dq) * m.dq, m.dq**3, np.abs(m.dq), np.sign(m.dq)],
-        "the friction law is another: --friction auto chooses one for each joint",
+        "the friction law is not the right one: --friction auto chooses one for each joint",
     ),
     "slow motion": Family(
         lambda m: [
             np.sign(m.dq) * np.exp(-((m.dq / (part * (float(np.abs(m.dq).max()) or 1.0))) ** 2))
             for part in (0.02, 0.08)
         ],
-        "choose friction laws with --friction auto, or leave slow rows out (processing.standstill)",
+        "choose friction laws with --friction auto, or leave slow samples out (processing.standstill)",
     ),
     "load": Family(
         lambda m: [np.abs(m.load) * np.sign(m.dq), np.abs(m.load) * m.dq],

@@ -231,9 +231,9 @@ def _warn_of_springs(
                 end, start = (signals.time[samples] - signals.time[0]).tolist()
                 text = (
                     f"joint {card.name!r}: the state of its stop at {radius:.3g} {card.position_unit} is "
-                    f"known from {end:.3g} s on, but rows begin at {start:.3g} s: until then its torque may "
-                    f"be wrong by up to {torque:.3g} {card.torque_unit}. Begin logs with the largest load to "
-                    "both sides"
+                    f"known from {end:.3g} s on, but equations begin at {start:.3g} s: until then its torque "
+                    f"may be wrong by up to {torque:.3g} {card.torque_unit}. Begin logs with the largest "
+                    "load to both sides"
                 )
                 yield Notice(code="elastic.not-converged", text=text)
 
@@ -349,8 +349,8 @@ def _tell_friction(
         )
         text = (
             f"friction changes during the logs, as that of drives that warm up, from its mean: {sizes}. The "
-            "change was taken off the torques, and parameters are those of the mean: record when the drives "
-            "are warm, or state a law that reads their temperature"
+            "change was subtracted from the torques, and parameters are those of the mean: record when the "
+            "drives are warm, or state a law that reads their temperature"
         )
         yield Notice(code="elastic.friction-drift", text=text)
 
@@ -384,8 +384,8 @@ def _build_estimate(
         good = fit.elasticity[joint].initial_stiffness and share < limit
         if problem.gives[joint] and joint not in springs and not good:
             text = (
-                f"joint {card.name!r}: no spring explains its torque: the best leaves {share:.0f} % of it "
-                f"(limit {limit:g} %). Check sign and factor of the torque and whether the encoders of "
+                f"joint {card.name!r}: no spring explains its torque: the best has a residual of {share:.0f} "
+                f"% (limit {limit:g} %). Check sign and factor of the torque and whether the encoders of "
                 "motor and link are swapped; else load the joint more, or try another method"
             )
             springs[joint] = Notice(code="elastic.no-spring", text=text)
@@ -453,9 +453,9 @@ def _tell_known(
         units = {card.name: card.unit for card in cards}
         alone = ", ".join(f"{name} {value:.4g} +- {std:.2g} {units[name]}" for name, value, std in far)
         text = (
-            f"what was known contradicts the logs ({ratio:.3g} times what matters), which alone give "
-            f"{alone}. Check loads and scales of the torque, or leave these out of what is known; else the "
-            "rest is wrong by as much"
+            f"known parameters contradict the logs ({ratio:.3g} times the limit), which alone give {alone}. "
+            "Check loads and scales of the torque, or remove these from the known ones; else the others are "
+            "wrong by as much"
         )
         yield Notice(code="elastic.known-contradicted", text=text)
 

@@ -537,8 +537,8 @@ def choose_springs(
         # Stops are no other kind.
         springs[joint], kinds[joint] = spring, "" if name == "stops" else name
         text = (
-            f"joint {card.name!r}: a spring of another kind was taken: {name}. It leaves {left:.2g} % of "
-            f"held-out joint torque, stops and knees {before:.2g} % of what they were fitted to"
+            f"joint {card.name!r}: a spring of another kind was taken: {name}. Its held-out residual is "
+            f"{left:.2g} % of the joint torque, that of stops and knees {before:.2g} % where fitted"
         )
         notices.append(Notice(code="elastic.spring-kind", text=text))
     return replace(fit, elasticity=tuple(springs), notices=(*fit.notices, *notices)), tuple(kinds)

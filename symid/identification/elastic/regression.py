@@ -353,7 +353,7 @@ def join_rigid_joints(
         for joint in np.flatnonzero(rigid & moves[0] & moves[1] & (np.hypot(apart, moving) > limit)):
             name, unit = card.joints[joint].name, card.joints[joint].position_unit
             text = (
-                f"joint {name!r} is rigid, and its two positions differ, by {apart[joint]:.2g} {unit} on the "
+                f"joint {name!r} is rigid, and its two positions differ, by {apart[joint]:.2g} {unit} in the "
                 f"mean and by {moving[joint]:.2g} {unit} about it; that of [log.position] was taken. If the "
                 "zero of the other is right, name that one; if they move apart by torsion, give the joint "
                 "[joint.elasticity]"
@@ -533,7 +533,7 @@ def build_energy_windows(library: Library, signals: ElasticSignals, length: floa
     if count < 1:
         text = (
             f"window of {length:g} s: must be at least one sample period ({signals.period:g} s) and at most "
-            f"the part of the recording that rows come from ({steps * signals.period:g} s)"
+            f"the part of the recording that equations come from ({steps * signals.period:g} s)"
         )
         raise UsageError(Notice(code="usage.window", text=text))
     ends = slice(signals.settled, signals.settled + count * intervals + 1, intervals)

@@ -325,10 +325,11 @@ class StiffnessVerdict(Enum):
 
     IDENTIFIED = "identified"
     NO_ENCODER = "there is no link encoder"
-    NO_GRAVITY = "gravity does not load this joint, or always alike"
-    BELOW_NOISE = "the torsion that gravity explains is smaller than what it leaves"
+    NO_GRAVITY = "gravity does not load this joint, or always equally"
+    BELOW_NOISE = "the torsion that gravity explains is smaller than the residual"
     INCONSISTENT = "the runs contradict each other"
-    VAGUE = "poorly identifiable: the interval includes a rigid joint"
+    UNCERTAIN = "poorly identifiable: the interval includes a rigid joint"
+    VAGUE = UNCERTAIN  # Its name in files of earlier versions.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -431,7 +432,7 @@ def _judge(
             load = "the torque of gravity on this joint does not change"
         text = (
             f"{load}, and torques of acceleration are shared by rotor and link in unknown parts; {left:.3g} "
-            f"{unit} of its torsion are left (root mean square)"
+            f"{unit} RMS of its torsion are unexplained"
         )
         against.append((StiffnessVerdict.NO_GRAVITY, text))
     else:
@@ -452,18 +453,18 @@ def _judge(
         low, high = mean - half, mean + half
         if explained <= left:
             text = (
-                f"the torsion that gravity explains, {explained:.3g} {unit}, is smaller than what it leaves, "
-                f"{left:.3g} {unit} (root mean square)"
+                f"the torsion that gravity explains, {explained:.3g} {unit}, is smaller than the residual, "
+                f"{left:.3g} {unit} (RMS)"
             )
             against.append((StiffnessVerdict.BELOW_NOISE, text))
         if chance < POLICY.alarm:
-            text = "the runs contradict each other: equal springs differ so much with probability"
+            text = "the runs contradict each other: p-value for equal springs"
             against.append((StiffnessVerdict.INCONSISTENT, f"{text} {chance:.2g}"))
         if low <= 0.0:
             text = f"the 95 % interval of the compliance, {low:.3g} to {high:.3g} {unit}/({card.torque_unit})"
-            against.append((StiffnessVerdict.VAGUE, f"{text}, includes a rigid joint"))
+            against.append((StiffnessVerdict.UNCERTAIN, f"{text}, includes a rigid joint"))
     reason = "; ".join(text for _, text in against) or (
-        f"gravity explains {explained:.3g} {unit} of the torsion and leaves {left:.3g} {unit}; the 95 % "
+        f"gravity explains {explained:.3g} {unit} of the torsion, residual {left:.3g} {unit} (RMS); the 95 % "
         "interval is that of the jackknife over blocks of time"
     )
     return JointStiffness(

@@ -189,9 +189,9 @@ def fit_consistent(
     notices: tuple[Notice, ...] = ()
     if chance < POLICY.alarm and growth > POLICY.relevance:
         text = (
-            f"the residual is {price:.3g} % larger than that of weighted least squares: the log contradicts "
-            "all bodies that exist; check signs, units and the order of joints (`symid check`), or add the "
-            "missing term to the model"
+            f"the residual is {price:.3g} % larger than that of weighted least squares: no physically "
+            "consistent bodies fit the log; check signs, units and the order of joints (`symid check`), or "
+            "add the missing term to the model"
         )
         notices = (Notice(code="identify.price", text=text),)
     return replace(
@@ -248,7 +248,7 @@ def solve_consistent(triangle: FloatArray, centre: FloatArray, bodies: Bodies) -
     found = replace(found, iterations=steps)
     if not found.gap <= numerics.CONVERGED * (dynamics.compute_cost(problem, found) + problem.weight):
         text = (
-            f"no optimum among bodies that exist: Newton's method did not converge in {found.iterations} "
+            f"no optimum among consistent bodies: Newton's method did not converge in {found.iterations} "
             "steps; identify with wls, and export that"
         )
         raise SolverError(Notice(code="solver.consistent", text=text))
@@ -257,8 +257,8 @@ def solve_consistent(triangle: FloatArray, centre: FloatArray, bodies: Bodies) -
     eigenvalue = float(np.linalg.eigvalsh(inertias).min())
     if not eigenvalue > 0.0:
         text = (
-            "the best bodies are singular to working precision: the log contradicts all bodies, or excites "
-            "them too little; identify with wls, and look at the parameters it refuses"
+            "the best bodies are singular to working precision: no bodies fit the log, or it excites them "
+            "too little; identify with wls, and look at the parameters it refuses"
         )
         raise SolverError(Notice(code="solver.singular-bodies", text=text))
     pi = dynamics.compute_standard_parameters(inertias)

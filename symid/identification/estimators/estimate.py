@@ -145,7 +145,7 @@ class ConsistencyTest:
             "scale" of a joint, only where it differs.
         joint: its name; part: which log, where it is one of several, how far gravity is turned, how many
             times the torque is.
-        verdict: "same", "different" or "cannot be said"; size: percent of the torque by which they differ
+        verdict: "same", "different" or "inconclusive"; size: percent of the torque by which they differ
             beyond noise; bound: percent, at most; p: probability of so large a difference by chance.
     """
 

@@ -91,7 +91,7 @@ def build_prior_of_estimate(estimate: Estimate, factor: float) -> Prior:
     """Return the values of an estimate, known to `factor` times their standard deviations."""
     known = estimate.parameters
     names, values = tuple(entry.name for entry in known), tuple(entry.value for entry in known)
-    source = f"estimate of {', '.join(estimate.sources)}, its deviations times {factor:g}"
+    source = f"estimate of {', '.join(estimate.sources)}, its standard deviations times {factor:g}"
     return Prior(names, values, tuple(factor * entry.std for entry in known), source)
 
 
@@ -234,8 +234,8 @@ _WELL_DETERMINED = 1e-3
 def fit_sequential(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
     """Return the fit joint by joint, as `fit_ols`; raise UsageError for rows that sum over the joints."""
     if rows.kind in regression.SCALAR_KINDS:
-        text = f"{rows.kind} rows sum over the joints"
-        text += "; for joint by joint use torque, momentum or filtered rows"
+        text = f"{rows.kind} equations sum over the joints"
+        text += "; for joint by joint use torque, momentum or filtered ones"
         raise UsageError(Notice(code="usage.sequential-rows", text=text))
     condensed = regression.condense_rows(rows)
     together = least_squares.fit_wls(rows, identifiability, freedom)

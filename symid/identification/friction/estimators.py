@@ -110,13 +110,13 @@ def _refuse_shapes(problem: FrictionProblem, search: FrictionSearch, unit: str) 
             continue
         reason = ""
         if entry.name == "vs" and slowest >= value:
-            reason = f"no row is slower than the Stribeck velocity; the slowest moves at {slowest:.3g} {unit}"
+            reason = f"no sample is slower than the Stribeck velocity; the slowest is at {slowest:.3g} {unit}"
         elif entry.unit in SPEED_UNITS and locate_edge(problem, search, place):
             reason = f"{entry.name} is at the limit of the speeds sampled, {value:.3g} {unit}"
         elif _is_as_good(problem, search, np.delete(whole, terms, axis=1), variance, len(terms) + 1):
             reason = "the law without this term explains the samples as well"
             if entry.name == "vs":
-                reason += f"; it acts at low speeds, and the slowest row moves at {slowest:.3g} {unit}"
+                reason += f"; it acts at low speeds, and the slowest sample is at {slowest:.3g} {unit}"
         if reason:
             inner = [k for k in free if not np.any(np.delete(size[:, k], terms))]
             for name in _list_dependents(law, terms, [place, *inner]):
@@ -157,8 +157,8 @@ def list_fit_notices(
         slow = int(np.sum(np.abs(rows) < 2.0 * value))
         if entry.name == "vs" and slow < POLICY.folds * POLICY.parts:
             text = (
-                f"only {slow} rows are slower than twice the Stribeck velocity, not one in each part of the "
-                "log that can be held out: static friction rests on them. Record slower motions"
+                f"only {slow} samples are slower than twice the Stribeck velocity, too few for "
+                "cross-validation: static friction depends on them. Record slower motions"
             )
             found.append(("few-slow", text))
     found += [("at-bound", f"{name} is {text}") for name, text in held.items() if name not in refused]

@@ -400,22 +400,22 @@ def extract_joint(
     kept = ~(np.abs(samples.rows.velocity) < standstill)
     if not kept.any():
         text = (
-            f"joint {samples.joint!r}: every row is slower than processing.standstill = {standstill:g}; "
+            f"joint {samples.joint!r}: every sample is slower than processing.standstill = {standstill:g}; "
             "keep them with --set processing.standstill=0"
         )
         raise IdentifiabilityError(Notice(code="friction.all-slow", text=text))
     if not kept.all():
         text = (
-            f"joint {samples.joint!r}: {int((~kept).sum())} of {len(kept)} rows slower than {standstill:g} "
-            f"{'m/s' if samples.prismatic else 'rad/s'} were left out (processing.standstill), below which "
-            "friction is extrapolated. If no joint sticks, keep them with --set processing.standstill=0"
+            f"joint {samples.joint!r}: {int((~kept).sum())} of {len(kept)} samples slower than "
+            f"{standstill:g} {'m/s' if samples.prismatic else 'rad/s'} were left out "
+            "(processing.standstill), below which friction is extrapolated. If no joint sticks, keep them "
+            "with --set processing.standstill=0"
         )
         notices.append(Notice(code=_SLOW, text=text))
     if count > 6:
         text = (
-            f"joint {card.name!r}: {count} columns of the rigid part were fitted along, which "
-            "can bias friction. Move one joint at a time, or give the base parameters of all joints with "
-            "--known"
+            f"joint {card.name!r}: {count} columns of the rigid part were fitted jointly, which can bias "
+            "friction. Move one joint at a time, or give the base parameters of all joints with --known"
         )
         notices.append(Notice(code="friction.many-columns", text=text))
     bad = logs.mask_bad(joint, chosen)
@@ -439,7 +439,7 @@ def _treat_rigid(
     if logs.is_measured(joint):
         rotors = _keep_independent(logs.list_rotor_columns(joint, runs))
         samples = logs.build_samples(joint, runs, [*rotors, *fitted])
-        along = f"; {' and '.join(one.name for one in rotors)} of the rotor was fitted along"
+        along = f"; {' and '.join(one.name for one in rotors)} of the rotor was fitted jointly"
         return samples, f"the measured load was subtracted{along if rotors else ''}", 0
     rigid = logs.list_rigid_columns(joint, runs)
     if beta is not None:
@@ -454,7 +454,7 @@ def _treat_rigid(
     sentence = "no rigid part acts on this joint in these motions"
     if chosen:
         sentence = (
-            f"a rigid part of {len(chosen)} columns was fitted along; each stands for a group that these "
+            f"a rigid part of {len(chosen)} columns was fitted jointly; each stands for a group that these "
             "motions do not separate"
         )
     ranks = {k: len(list_independent(triangle[:, [*chosen, k]])) for k in range(count, len(every))}
@@ -462,7 +462,7 @@ def _treat_rigid(
     physical = [among[k] for k in list_independent(triangle[:, among])]
     if chosen and len(physical) == len(chosen):
         chosen = physical
-        sentence = f"the rigid part {' + '.join(_PHYSICAL[every[k].name] for k in chosen)} was fitted along"
+        sentence = f"the rigid part {' + '.join(_PHYSICAL[every[k].name] for k in chosen)} was fitted jointly"
     rigid = [every[k] for k in chosen]
     samples = logs.build_samples(joint, runs, [*rigid, *fitted])
     if not (size := len(rigid)):

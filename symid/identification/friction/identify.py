@@ -144,7 +144,7 @@ def _list_mistakes(joint: JointFriction) -> list[str]:
         mistakes.append("velocity_map.cloud_velocity is empty")
     numbers = (*estimate.linear, *estimate.shape, *curve.cloud_velocity, *curve.cloud_torque)
     if not all(map(math.isfinite, numbers)):
-        mistakes.append("values of the law or of measured rows are not numbers")
+        mistakes.append("values of the law or of samples are not numbers")
     chosen = joint.selection and joint.selection.chosen
     if joint.selection and chosen not in {trial.law for trial in joint.selection.trials}:
         mistakes.append(f"selection.chosen {chosen!r} is not one of the laws tried")
@@ -578,7 +578,7 @@ def _build_samples(
         return samples, ()
     which = ", ".join(names) if set(names) <= set(_PHYSICAL) else f"{len(names)} columns"
     text = (
-        f"joint {entry.joint!r}: its rigid part ({which}) was fitted along and holds at the poses of the "
+        f"joint {entry.joint!r}: its rigid part ({which}) was fitted jointly and holds at the poses of the "
         "fitted logs. For others identify the base parameters, and friction with --known"
     )
     return samples, (Notice(code="validate.friction-pose", text=text),)
@@ -603,18 +603,18 @@ def _choose_rows(
     moving = (np.abs(rows.velocity) >= standstill) | bool(law.memory)
     kept = moving & inside if refused else moving
     if not kept.any():
-        reason = "every row is slower than processing.standstill, or at speeds that were not fitted"
+        reason = "every sample is slower than processing.standstill, or at speeds that were not fitted"
         raise _refuse(entry.joint, reason)
     if refused:
         text = (
             f"joint {entry.joint!r}: {', '.join(refused)} are not identifiable, so the law holds only at the "
-            f"speeds that were fitted; {int(np.sum(moving & ~inside))} of {len(kept)} rows at others were "
+            f"speeds that were fitted; {int(np.sum(moving & ~inside))} of {len(kept)} samples at others were "
             "left out"
         )
         return kept, (Notice(code="validate.friction-refused", text=text),)
     if beyond := int(np.sum(moving & far)):
         text = (
-            f"joint {entry.joint!r}: {beyond} of {len(kept)} rows are faster than those fitted, or in "
+            f"joint {entry.joint!r}: {beyond} of {len(kept)} samples are faster than those fitted, or in "
             "another direction: the law is extrapolated there"
         )
         return kept, (Notice(code="validate.friction-range", text=text),)

@@ -314,7 +314,7 @@ def cut_parts(rows: FrictionRows) -> tuple[list[NDArray[np.intp]], NDArray[np.in
     parts = [part for own in members for part in np.array_split(own, pieces)]
     if count < len(parts):
         text = (
-            f"logs with {count} rows cannot be cut into {len(parts)} parts, so no data can be held out to "
+            f"logs with {count} samples cannot be cut into {len(parts)} parts, so no data can be held out to "
             "choose a law. Name one with --model, or use longer logs"
         )
         raise IdentifiabilityError(Notice(code="friction.too-few-rows", text=text))

@@ -350,7 +350,7 @@ def fit_memory(samples: FrictionSamples, law: FrictionLaw) -> MemoryFit:
     most = _NODES if law.elements else 1
     unknowns = most + len(law.linear) + len(law.shape) + damped + samples.rows.extra.shape[1]
     if count <= unknowns:
-        text = f"joint {samples.joint!r}: {count} rows are too few for {unknowns} unknowns of {law.name!r}"
+        text = f"joint {samples.joint!r}: {count} samples are too few for {unknowns} unknowns of {law.name!r}"
         raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
     lengths, exponents = _NODES if law.elements else 1, _EXPONENTS if law.shape else _EXPONENTS[:1]
     trials, held = [], lengths if law.elements else 0
@@ -385,7 +385,9 @@ def _build_fit(problem: MemoryProblem, shape: FloatArray, tried: int) -> MemoryF
     samples, rows, found = problem.samples, problem.samples.rows, problem.fit(shape)
     law, linear = problem.law, problem.list_values(found.linear, shape)[0]
     if not linear[_names(law).index("Fc")] > 0.0:
-        text = f"joint {samples.joint!r}: these rows show no dry friction with the memory of {law.name!r}"
+        text = (
+            f"joint {samples.joint!r}: these samples show no dry friction with the hysteresis of {law.name!r}"
+        )
         raise IdentifiabilityError(Notice(code="friction.presliding-nothing", text=text))
     size, count = len(shape), len(found.linear)
     own = problem.compute_columns(shape)
@@ -520,9 +522,9 @@ def _write_estimate(
     )
 
 
-_DEPENDENT = "its column depends on others where a stretch of the log is left out"
+_DEPENDENT = "it is linearly dependent where a stretch of the log is left out"
 _NEEDS = {
-    "sigma0": "the joint must stick and turn back within the way on which bristles bend, fC / sigma0",
+    "sigma0": "the joint must stick and turn back within the presliding displacement, fC / sigma0",
     "sigma1": "the joint must move fast enough while it sticks: near 1 / s of sigma0 / sigma1",
     "fS": "the joint must break away slowly, or slip at speeds below vs",
     "vs": "the joint must slip at speeds around vs, and its friction must fall there",

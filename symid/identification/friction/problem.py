@@ -152,7 +152,7 @@ def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionO
     target, basis = samples.rows.torque, samples.beside.basis
     unknowns = len(law.linear) + len(law.shape) + samples.extra.shape[1]
     if len(target) <= unknowns:
-        text = f"joint {samples.joint!r}: {len(target)} rows are too few for {unknowns} unknowns"
+        text = f"joint {samples.joint!r}: {len(target)} samples are too few for {unknowns} unknowns"
         raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
     low, high = _list_bounds(law, samples, options)
     target = target - basis @ (basis.T @ target)

@@ -176,8 +176,8 @@ def select_memory(
     ]
     own, plain, unit = trials[taken], trials[0], "N" if samples.prismatic else "N m"
     verdict = (
-        f"At all rows, slow ones too, {own.law} leaves {own.held_percent:.3g} % of the torque that was held "
-        f"out ({own.held_rms:.3g} {unit} RMS); {plain.law}, the best law without a state, leaves "
+        f"On all samples, slow ones too, the held-out residual of {own.law} is {own.held_percent:.3g} % "
+        f"({own.held_rms:.3g} {unit} RMS); that of {plain.law}, the best law without a state, "
         f"{plain.held_percent:.3g} %."
     )
     trials.sort(key=lambda trial: trial.held_rms or math.inf)

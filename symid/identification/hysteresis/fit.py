@@ -724,8 +724,8 @@ def describe_inversion(record: HysteresisRecord) -> str:
     if reason or slope is None or slope.value > POLICY.printed * slope.deviation:
         return reason
     return (
-        f"k0 = {slope.value:.3g} +- {slope.deviation:.2g} cannot be told from zero: large outputs may need "
-        "any input, or have none"
+        f"k0 = {slope.value:.3g} +- {slope.deviation:.2g} does not differ significantly from zero: large "
+        "outputs may need any input, or have none"
     )
 
 

@@ -28,7 +28,7 @@ class Policy:
         0.01,
         "probability of a false alarm of a test: two estimates differ, or a candidate predicts better; over "
         "all candidates of a family together (Holm 1979)",
-        "usual for an accusation",
+        "usual significance level",
         "halved: faults must be a little clearer; doubled: one clean log in fifty is warned of",
     )
     caution: float = _number(
@@ -37,7 +37,7 @@ class Policy:
         "assumptions, "
         "or the candidate that predicts best",
         "a false alarm costs a little precision here",
-        "halved: bias up to two deviations may stay; doubled: one choice in five is wider for nothing",
+        "halved: bias up to two standard deviations may stay; doubled: one choice in five is too wide",
     )
     confidence: float = _number(
         0.95,
@@ -53,8 +53,8 @@ class Policy:
     )
     good: float = _number(
         10.0,
-        "percent of a torque left unexplained up to which a model is good",
-        "sensors and simple friction laws leave 2 to 10 % of an arm that is modelled right",
+        "relative residual in percent up to which a model is good",
+        "sensors and simple friction laws have 2 to 10 % on an arm that is modelled right",
         "a class earlier or later",
     )
     usable: float = _number(
@@ -71,16 +71,16 @@ class Policy:
     )
     folds: int = _number(
         6,
-        "stretches that are left out in turn",
+        "folds of the cross-validation",
         "a sixth less data hardly changes a fit",
         "more time, or poorer fits",
     )
     parts: int = _number(
         4,
-        "parts of each stretch whose losses are compared: with few of them a test of many hypotheses has "
+        "parts of each fold whose losses are compared: with few of them a test of many hypotheses has "
         "no power",
         "measured: with 6 parts t must exceed 10 for 136 hypotheses, with 24 parts 5",
-        "halved: causes are not named; doubled: parts are shorter than the motion's memory",
+        "halved: causes are not named; doubled: parts are shorter than the motion's correlation time",
     )
     periods: float = _number(
         2.0,
@@ -90,12 +90,11 @@ class Policy:
     )
     fall: float = _number(
         2.0,
-        "times by which undoing a cause must lower the squares of the joints it touches, and by which any "
-        "other "
-        "explanation must leave more squares",
-        "measured: on clean logs false candidates reach 1.6; mistakes that no parameter absorbs leave 2.6 "
-        "to 187 times less",
-        "halved: false accusations; doubled: half of the plain mistakes are not named",
+        "factor by which correcting a cause must lower the squared residual of its joints, and by which "
+        "that of any other explanation must be larger",
+        "measured: on clean logs false candidates reach 1.6; mistakes that no parameter absorbs reach "
+        "2.6 to 187",
+        "halved: wrong causes are named; doubled: half of the plain mistakes are not named",
     )
     fall_of_all: float = _number(
         1.5,
@@ -105,21 +104,21 @@ class Policy:
     )
     row_band: float = _number(
         0.1,
-        "part of the sample rate up to which rows of a fit may reach",
+        "part of the sample rate up to which the band of a fit may reach",
         "differences of positions are right within 1 % there; noise of encoders grows with the fourth "
         "power beyond",
         "halved: half of the information of coarse logs; doubled: inertias of coarse logs are biased",
     )
     printed: float = _number(
         3.0,
-        "deviations by which a printed value may move when it is estimated from other data, or miss what "
-        "is known",
+        "standard deviations by which a printed value may move when it is estimated from other data, or "
+        "miss a known value",
         "one in 370 by chance",
-        "halved: chance limits verdicts; doubled: wrong deviations go unnoticed",
+        "halved: chance limits verdicts; doubled: wrong standard deviations go unnoticed",
     )
     uncertain: float = _number(
         30.0,
-        "percent of a value from which its deviation makes it poorly identifiable",
+        "standard deviation in percent of the value from which it is poorly identifiable",
         "a value known to a third separates heavy from light",
         "a word in a table earlier or later",
     )
@@ -127,7 +126,7 @@ class Policy:
         3.0,
         "times by which torques may differ from those of the robot file's values, either way",
         "masses of a drawing are not wrong by this factor; gears, torque constants and units are",
-        "halved: drawings without covers and cables are accused; doubled: a slip of a small gear passes",
+        "halved: drawings without covers and cables are warned of; doubled: a wrong small gear passes",
     )
 
 

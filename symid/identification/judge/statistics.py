@@ -125,7 +125,7 @@ class Agreement(Enum):
 
     SAME = "same"
     DIFFERENT = "different"
-    OPEN = "cannot be said"
+    OPEN = "inconclusive"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

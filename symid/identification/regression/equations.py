@@ -471,7 +471,7 @@ def assemble_rows(kind: str, card: ModelCard, part: EquationPart) -> Rows:
 
 def warn_of_bad(name: str, bad: NDArray[np.bool_]) -> Notice:
     """Return the notice on the rows (M,) of a joint that are left out because they are `bad`."""
-    text = f"{name}: {int(np.sum(bad))} of {len(bad)} rows, in which wrong samples of the log are noticed"
+    text = f"{name}: {int(np.sum(bad))} of {len(bad)} samples, which bad samples of the log affect"
     return Notice(code=BAD_ROWS, text=f"{text}, were left out")
 
 
@@ -480,8 +480,8 @@ def warn_of_energy(joints: int, kind: str = "energy") -> tuple[Notice, ...]:
     if joints <= _ENERGY_LIMIT:
         return ()
     text = (
-        f"{kind} rows sum the work of all joints: with more than {_ENERGY_LIMIT} joints (here {joints}) "
-        "small parameters of the last links are lost in noise. Use torque or momentum rows"
+        f"{kind} equations sum the work of all joints: with more than {_ENERGY_LIMIT} joints (here {joints}) "
+        "small parameters of the last links are lost in noise. Use torque or momentum equations"
     )
     return (Notice(code="identify.energy-rank", text=text),)
 

@@ -267,7 +267,7 @@ def analyse_identifiability(rows: Rows, rule: RankRule | None = None) -> Identif
     rule = rule or RankRule()
     if not len(rows.values):
         text = (
-            "no equation is left of this log: wherever it is not cut off, its joints rest or are slower than "
+            "this log gives no equation: wherever it is not cut off, its joints rest or are slower than "
             "processing.standstill. Record a longer log, or leave out less"
         )
         raise IdentifiabilityError(Notice(code="identify.no-rows", text=text), *rows.notices)
@@ -312,8 +312,8 @@ def analyse_condensed(
         raise _refuse_all()
     if count <= parameters:
         text = (
-            f"{count} {kind} rows are too few for {parameters} parameters and their uncertainty: use a "
-            "longer log, a shorter window, less decimation, or torque rows"
+            f"{count} {kind} equations are too few for {parameters} parameters and their uncertainty: use a "
+            "longer log, a shorter window, less decimation, or torque equations"
         )
         raise IdentifiabilityError(Notice(code="identify.too-few-rows", text=text))
     if not np.any(condensed.factors[:, :, -1]):
@@ -326,9 +326,9 @@ def analyse_condensed(
     for index in np.flatnonzero(~identifiable):
         others = [names[k] for k in spectrum.list_partners(int(index), rule)]
         shown = ", ".join(others[:4]) + (f" and {len(others) - 4} more" if len(others) > 4 else "")
-        reason = f"it acts only together with {shown}, in a fixed proportion throughout this log"
+        reason = f"acts only together with {shown}, in a fixed proportion throughout this log"
         if spectrum.lengths[index] == 0.0:
-            reason = "it does not act on any measured torque in this log"
+            reason = "acts on no measured torque of this log"
         refused.append((names[index], reason))
     if not identifiable.any():
         raise _refuse_all("; ".join(f"{name}: {reason}" for name, reason in refused))

@@ -122,8 +122,8 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
     noisy = factor > usual.decimation.factor
     bands = ", ".join(f"{limit:.3g}" if limit else "-" for limit in clean)
     text = (
-        f"filter chosen from the logs: positions pass a low-pass at {chosen.filter_cutoff:g} Hz, and one row "
-        f"in {factor} is kept (band up to {whole / factor:.3g} Hz, limited by the "
+        f"filter chosen from the logs: positions pass a low-pass at {chosen.filter_cutoff:g} Hz, and one "
+        f"sample in {factor} is kept (band up to {whole / factor:.3g} Hz, limited by the "
         f"{'noise' if noisy else 'rate'}; noise is below {100.0 * POLICY.relevance:g} % of the "
         f"accelerations up to {bands} Hz, joint by joint). To set them, state filter_cutoff and decimation "
         "under [processing]"
@@ -284,7 +284,7 @@ def warn_of_load_gain(gain: LoadGain | None) -> tuple[Notice, ...]:
         return ()
     text = (
         f"{gain.value:.4g} +- {gain.deviation:.2g} times the measured load explains the torque of the motor "
-        "best, where 1 is expected; friction takes the difference. Check the factors of [log.load] and "
+        "best, where 1 is expected; friction absorbs the difference. Check the factors of [log.load] and "
         "[log.torque], torque constants and gear ratios, and whether friction depends on the load"
     )
     return (Notice(code="friction.load-gain", text=text),)
@@ -383,7 +383,7 @@ def mask_fast(
     slow = np.abs(speed) < limits[rows.group]
     beside = ""
     if margin:
-        beside, fast = ", or beside such rows,", ~slow
+        beside, fast = ", or beside such samples,", ~slow
         # The margin of a joint is halved until half of its fast rows stay.
         for group in np.unique(rows.group):
             own = rows.group == group
@@ -399,7 +399,7 @@ def mask_fast(
                 reach *= 0.5
     lost, whole = np.bincount(rows.group[slow]), np.bincount(rows.group)
     texts = (
-        f"joint {rows.group_names[group]!r}: {lost[group]} of {whole[group]} rows slower than "
+        f"joint {rows.group_names[group]!r}: {lost[group]} of {whole[group]} samples slower than "
         f"processing.standstill = {limits[group]:g}{beside} were left out of the fit"
         for group in np.flatnonzero(lost)
     )
@@ -422,7 +422,7 @@ def leave_out_rows(
         return rows
     texts = (
         f"joint {joints[joint].name!r} does not move in this log: dry friction or a brake may hold any "
-        "torque, so its rows were left out"
+        "torque, so its samples were left out"
         for joint in held
     )
     notices = (Notice(code=JOINT_AT_REST, text=text, file=file) for text in texts)

@@ -520,7 +520,7 @@ def identify_closed_loop(
     # What an estimate refuses is taken from the robot file, or is zero.
     begun = {card.name: card.value or 0.0 for card in cards} | dict(given.unresolved)
     begun |= {entry.name: entry.value for entry in given.parameters}
-    begun_with, instrumental = start_name or "torque rows by wls", estimator == INSTRUMENTAL
+    begun_with, instrumental = start_name or "torque equations by wls", estimator == INSTRUMENTAL
     if instrumental and start is None and (own := estimate_start(problem)) is not None:
         begun, begun_with = {**begun, **own}, "instruments along the references"
     found = (fit_instrumental if instrumental else fit_output_error)(problem, begun)

@@ -4,7 +4,7 @@ SettingsStudy, values of the fit -> `Evidence`.
 
     prediction    100 |y - Y x_(-f)| / max(|y|, |Y x|) of every joint in the scoring band, f the row's fold
     consistency   two estimates from different rows: halves of a log, a log and others, slow and fast rows,
-                  the band taken and half of it; `agree` says same, different, or cannot be said
+                  the band taken and half of it; `agree` says same, different, or inconclusive
     physics       rotor inertias, friction and mass matrices that no robot has, surely (p below the alarm)
                   and not small; then the fit is bounded, and what that leaves counts
 

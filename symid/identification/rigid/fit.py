@@ -285,9 +285,8 @@ def mask_resting_rows(
             rest[part] = regression.mask_rest(speed[part], float(tops[group]), length)
         if rest[own].any():
             text = (
-                f"joint {rows.group_names[group]!r}: at {int(rest[own].sum())} of {int(own.sum())} rows it "
-                f"rests, "
-                "where friction holds any torque; they were left out of the fit"
+                f"joint {rows.group_names[group]!r}: at {int(rest[own].sum())} of {int(own.sum())} samples "
+                "it rests, where stiction holds any torque; they were left out of the fit"
             )
             notices.append(Notice(code="identify.slow-rows", text=text))
     return rest, tuple(notices)

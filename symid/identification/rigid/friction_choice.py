@@ -463,8 +463,8 @@ def _judge_loads(
     names = ", ".join(repr(laws[k].joint) for k in judged)
     text = (
         f"joint{'s'[: len(judged) > 1]} {names}: friction laws were chosen from the torque of the motor less "
-        "the measured load, the inertia of rotors fitted along, so that what the model of the links lacks "
-        "has no part in them; their values are then fitted with the whole robot"
+        "the measured load, rotor inertias fitted jointly, so that errors of the link model do not enter; "
+        "their values are then fitted with the whole robot"
     )
     found = [Notice(code="identify.measured-load", text=text)] if judged else []
     for k in judged:
@@ -510,8 +510,8 @@ def measure_law_errors(
         moved = {k: entry.name for k, entry in enumerate(card.fitted) if entry.name in own}
         found[place, list(moved)] = [own[name] - values[k] for k, name in moved.items()]
         text = (
-            f"joint {joint.name!r}: in slow motion, too, {law.selection.verdict} The deviations of "
-            f"{', '.join(moved.values())} count how far that law moves them; --friction auto takes it"
+            f"joint {joint.name!r}: in slow motion, too, {law.selection.verdict} The standard deviations of "
+            f"{', '.join(moved.values())} include the change by that law; --friction auto takes it"
         )
         notices.append(Notice(code="identify.friction-law", text=text))
     return found, tuple(notices)
@@ -534,10 +534,10 @@ def compare_friction(choice: FrictionChoice, fitted: Mapping[str, FrictionValues
         apart = 100.0 * float(np.std(whole - own) / max(np.std(own), numerics.TINY))
         if apart > POLICY.good:
             text = (
-                f"joint {law.joint!r}: friction fitted with the whole robot differs by {apart:.2g} % "
-                "from that of the motor side alone (motor torque less measured load): the links carry what "
-                "their model lacks, or the load has another factor. For friction without a model of the "
-                "links, identify with --rows friction"
+                f"joint {law.joint!r}: friction fitted with the whole robot differs by {apart:.2g} % from "
+                "that of the motor side alone (motor torque less measured load): the link model has errors, "
+                "or the factor of the load is wrong. For friction without a model of the links, identify "
+                "with --rows friction"
             )
             found.append(Notice(code="identify.load-friction", text=text))
     return tuple(found)
@@ -565,16 +565,16 @@ def describe_choice(
         for trial, distance in zip(trials, behind, strict=True)
     ]
     own, best = listed[choice.taken], listed[choice.best]
-    size = f"{own.held_percent:.3g} % of {what} that was held out ({own.held_rms:.3g} {unit} RMS)"
-    text = f"{own.law} leaves {size}"
+    size = f"{own.held_percent:.3g} % of {what} ({own.held_rms:.3g} {unit} RMS)"
+    text = f"{own.law} has a held-out residual of {size}"
     if own.reason:
         text = f"No law is identifiable from these logs; {own.law}, the simplest, is given in part"
     elif any(entry.reason and (entry.held_rms or 0.0) < (own.held_rms or 0.0) for entry in listed):
         text = f"Of the identifiable laws, {text}"
     if own.unknowns < best.unknowns:
         text += f"; {best.law}, with {best.unknowns} values instead of {own.unknowns}"
-        text += ", predicts no surely better"
+        text += ", is not significantly better"
     if own.ratio is not None and own.law != PLAIN and not own.reason:
-        text += f"; {PLAIN} leaves {(own.held_percent or 0.0) / math.sqrt(own.ratio):.3g} %"
+        text += f"; {PLAIN} has {(own.held_percent or 0.0) / math.sqrt(own.ratio):.3g} %"
     listed.sort(key=lambda entry: entry.held_rms or np.inf)
     return LawSelection(trials=tuple(listed), chosen=own.law, verdict=f"{text}.", blocks=len(table.rows))

@@ -214,13 +214,12 @@ def check_channels(log: StudiedLog, library: Library, robot: Robot) -> LogCheck:
     if len(found) == 1:
         (cause,) = found
         text = (
-            f"{cause.cause}: undone, {cause.after:.3g} % is left of held-out torque, not "
-            f"{cause.before:.3g} %; "
-            f"{cause.remedy}"
+            f"{cause.cause}: corrected, the held-out residual falls from {cause.before:.3g} % to "
+            f"{cause.after:.3g} %; {cause.remedy}"
         )
         notices += (Notice(code=cause.code, text=text, file=file),)
     elif found:
-        text = f"one of these would explain what is left: {'; or '.join(entry.cause for entry in found)}"
+        text = f"one of these would explain the residual: {'; or '.join(entry.cause for entry in found)}"
         notices += (Notice(code="log.several-causes", text=text, file=file),)
     odd = [entry for entry in signs if entry.implausible]
     if odd and not notices:
@@ -317,15 +316,15 @@ def analyse_excitation(library: Library, study: SettingsStudy, moving: Collectio
     verdicts = []
     for index, name in enumerate(names):
         percent, verdict = float("inf"), "refused"
-        reason = f"it acts on no torque of this log{still}"
+        reason = f"acts on no torque of this log{still}"
         if identifiable[index]:
             percent = 100.0 * float(deviations[index]) / max(abs(float(fit.values[index])), numerics.TINY)
             well = percent <= POLICY.uncertain
             verdict = IDENTIFIABLE if well else POORLY if percent <= _POOR else NOT_IDENTIFIABLE
-            reason = "" if verdict == IDENTIFIABLE else "it is small beside the noise, or hardly excited"
+            reason = "" if verdict == IDENTIFIABLE else "small beside the noise, or hardly excited"
         elif spectrum.lengths[index]:
             others = ", ".join(names[k] for k in spectrum.list_partners(index, rule)[:4])
-            reason = f"it acts only together with {others}{still}"
+            reason = f"acts only together with {others}{still}"
         verdicts.append(ParameterVerdict(name, verdict, percent, reason))
     largest = spectrum.singular[0] or 1.0
     return LogExcitation(
@@ -343,9 +342,9 @@ def describe_excitation(found: LogExcitation) -> tuple[Notice, ...]:
     if refused:
         more = f"; and {len(refused) - _SHOWN} more" if len(refused) > _SHOWN else ""
         text = (
-            f"{len(refused)} of {len(found.parameters)} parameters have no value of their own in these logs "
-            f"({'; '.join(refused[:_SHOWN])}{more}). Accelerate every joint on its own; `symid excite` makes "
-            "such motions"
+            f"{len(refused)} of {len(found.parameters)} parameters are not identifiable by themselves from "
+            f"these logs ({'; '.join(refused[:_SHOWN])}{more}). Accelerate every joint on its own; `symid "
+            "excite` makes such motions"
         )
         notices.append(("log.not-excited", text))
     faint = found.list_names(NOT_IDENTIFIABLE)

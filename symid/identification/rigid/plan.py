@@ -128,7 +128,7 @@ def plan_fit(
     if estimator is None:
         estimator = FILTERED_INSTRUMENTAL if settled.instrument_cutoff else usual
     text = (
-        f"chosen from the logs among {len(study.choice.candidates)} settings: one row in "
+        f"chosen from the logs among {len(study.choice.candidates)} settings: one sample in "
         f"{settled.decimation.factor}, positions pass a low-pass at {settled.filter_cutoff:g} Hz, estimator "
         f"{estimator}"
     )
@@ -142,11 +142,10 @@ def plan_fit(
         if speed
     ]
     if slow and "standstill" in processing.left_open:
-        text += f", rows slower than these speeds left out: {', '.join(slow)}"
+        text += f", samples slower than these speeds left out: {', '.join(slow)}"
     text += (
-        f". Fits without a stretch leave {taken.held_out:.3g} % of its torque below "
-        f"{study.choice.scoring:.3g} "
-        "Hz unexplained. To set them, state them under [processing]"
+        f". Held-out residual below {study.choice.scoring:.3g} Hz: {taken.held_out:.3g} % of the torque. To "
+        "set them, state them under [processing]"
     )
     note = Notice(code="identify.automatic", text=text)
     plan = FitPlan(
@@ -156,8 +155,8 @@ def plan_fit(
         # At rest dry friction is any torque below its level, which a law that bends near standstill would
         # follow. The filters spread it: rows within three periods of what rows pass go with slow ones.
         text = (
-            "joints rest in these logs, where friction holds any torque, and with these friction laws only "
-            "settings that leave out slow rows were tried"
+            "joints rest in these logs, where stiction holds any torque, and with these friction laws only "
+            "settings that leave out slow samples were tried"
         )
         note = Notice(code="identify.automatic", text=text)
         margin = 3.0 * plan.processing.decimation.factor * recordings[0].period / PASSED
@@ -221,7 +220,7 @@ def check_estimator(rows: str, estimator: str | None) -> None:
     Raises:
         UsageError: there is no such estimator; those of friction laws are others.
     """
-    more = f" with {rows} rows; those of friction laws go with --rows friction"
+    more = f" with --rows {rows}; those of friction laws go with --rows friction"
     allowed = (*estimators.ESTIMATORS, FILTERED_INSTRUMENTAL, *SIMULATING)
     if estimator is not None and (notices := list_unknown("estimator", estimator, allowed, more)):
         raise UsageError(*notices)
@@ -251,7 +250,7 @@ def check_rigid_options(rows: str, estimator: str | None, options: RigidOptions)
         text = "prior_percent is of the robot file's values, prior_factor of an estimate; take the other"
         found.append(("prior", text))
     if estimator in SIMULATING and rows != "torque":
-        text = f"--estimator {estimator} needs torque rows; leave --rows {rows} out"
+        text = f"--estimator {estimator} needs torque equations; leave --rows {rows} out"
         found.append(("mixed-options", text))
     if found:
         raise UsageError(*(Notice(code=f"usage.{code}", text=text) for code, text in found))

@@ -112,8 +112,8 @@ def describe_scales(scales: Sequence[JointScale], file: str, code: str) -> tuple
         return ()
     listed = ", ".join(f"{entry.joint!r} {entry.ratio:.3g}" for entry in beyond)
     text = (
-        f"the torques have another size than the values of the robot file give ({listed} times): they may be "
-        "motor currents, percent, or of the motor side, or these values are wrong; state unit and side in "
+        f"the torques differ in scale from the robot file's values ({listed} times): they may be motor "
+        "currents, percent, or of the motor side, or these values are wrong; state unit and side in "
         "[log.torque], gears and torque constants in [joint.drive], or give --units torque=A to `symid new`"
     )
     return (Notice(code=code, text=text, file=file),)

@@ -511,7 +511,7 @@ def diagnose_estimate(
     """
     estimators.check_model(estimate, library.card)
     if estimate.rows not in _KINDS:
-        text = f"{estimate.rows} rows mix the joints, which a diagnosis treats one by one; use torque rows"
+        text = f"{estimate.rows} equations sum over the joints, which a diagnosis separates; use torque ones"
         raise UsageError(Notice(code="usage.mixed-rows", text=text))
     settled = resolve_processing(estimate, processing, recordings[0])
     processing, weights = settled.processing, get_run_weights(estimate.settings, len(recordings))

@@ -74,11 +74,11 @@ def test_laws_that_predict_better_stay_and_others_give_way_at_their_joints_alone
     assert verdict == f"It was. In fits of the whole robot {PLAIN} predicts better."
     (notice,) = choice.notices
     assert notice.code == "identify.plain-friction"
-    assert notice.text.endswith("(elbow: stribeck leaves 1.21 times the squares)")
+    assert notice.text.endswith("(elbow: stribeck has 1.21 times the squared residual)")
     laws, choice, calls = give_up(robot, {"shoulder": 3.3, "elbow": 5.0})
     assert set(laws.values()) == {PLAIN}
     assert len(calls) == 1
-    assert "shoulder: stribeck leaves 1.21 times" in choice.notices[0].text
+    assert "shoulder: stribeck has 1.21 times" in choice.notices[0].text
     # Laws that were named stay.
     names = {"shoulder": "stribeck", "elbow": "auto"}
     laws, choice, _ = give_up(robot, {"shoulder": 5.0, "elbow": 5.0}, names)

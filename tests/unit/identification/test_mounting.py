@@ -117,13 +117,13 @@ def test_another_size_of_gravity_is_found_where_it_is_sure(tmp_path):
     found = robot.identify(record(robot, (0.4, 0.3, -3.65), 3, noise=0.001))
     assert is_near(found, "g_z", -3.65)
     assert found["g_z"].std > 0.001
-    assert "its size is 3." in str(found)
+    assert "its magnitude is 3." in str(found)
 
 
 def test_a_planar_arm_does_not_show_gravity_across_its_plane(tmp_path):
     robot = load_arm(tmp_path, PLANAR, gravity="unknown")
     found = robot.identify(record(robot, (-6.0, -7.7614, 0.0), 4, rows=PLANAR))
-    assert find_texts(found) == ["no motion shows gravity along 0, 0, 1; 0 is taken"]
+    assert find_texts(found) == ["not identifiable from these motions: gravity along 0, 0, 1; 0 is taken"]
     assert is_near(found, "g_x", -6.0)
     assert is_near(found, "g_y", -7.7614)
     assert "g_z" not in found
@@ -132,7 +132,9 @@ def test_a_planar_arm_does_not_show_gravity_across_its_plane(tmp_path):
 def test_one_joint_shows_no_gravity_beside_its_parameters(tmp_path):
     robot = load_arm(tmp_path, PLANAR[:1], gravity="unknown")
     log = record(robot, (0.0, -9.81, 0.0), 5, rows=PLANAR[:1])
-    with raises(IdentifiabilityError, "identify.no-mounting", match="the size of gravity, which parameters"):
+    with raises(
+        IdentifiabilityError, "identify.no-mounting", match="the magnitude of gravity, which parameters"
+    ):
         robot.identify(log)
 
 
@@ -144,7 +146,7 @@ def test_zeros_are_found_where_motions_show_them(tmp_path, zero):
     assert abs(missed) <= 3.0 * found["zero2"].std < 0.1
     texts = find_texts(found)
     assert [text.split("'")[1] for text in texts] == ["j1", "j3"]
-    assert all("no motion shows the zero of joint" in text for text in texts)
+    assert all("not identifiable from these motions: the zero of joint" in text for text in texts)
     assert f"write offset = [0, {found['zero2'].value:.6g}, 0] below [log.position]" in str(found)
     assert all(
         entry.near_truth for entry in found.estimate.parameters if not entry.name.startswith(("F", "zero"))
@@ -159,9 +161,8 @@ def test_the_zero_of_a_first_joint_shows_under_gravity_across_its_axis(tmp_path)
     # Where gravity is found as well, it takes the turn.
     both = load_arm(tmp_path, gravity="unknown", zeros=["j1"])
     texts = find_texts(both.identify(record(both, gravity, 7)))
-    assert texts == [
-        "no motion shows the zero of joint 'j1', which gravity or parameters take up; it stays as stated"
-    ]
+    reason = "which gravity or parameters absorb; it stays as stated"
+    assert texts == [f"not identifiable from these motions: the zero of joint 'j1', {reason}"]
 
 
 def test_a_fit_with_gravity_and_zeros_is_kept_tested_and_exported(tmp_path):

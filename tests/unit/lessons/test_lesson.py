@@ -121,7 +121,7 @@ def test_friction_with_a_state_has_its_equations_source_and_steady_curve(name):
     assert r"\dot z" in formula.latex
     assert formula.latex.endswith(law.latex.removeprefix(r"\tau_f = "))
     assert (r"\sigma_1 \dot z" in formula.latex) == ("sigma1" in {entry.name for entry in law.memory})
-    assert "after a long way bristles give the curve of steady sliding" in step.check
+    assert "after a long displacement bristles give the curve of steady sliding" in step.check
 
 
 def test_bristles_that_end_elsewhere_contradict_the_lesson(monkeypatch):

@@ -42,7 +42,7 @@ def test_what_is_suspicious_is_remarked_and_nothing_else(check):
     assert "20 % from 0.001 s" in check(time=change(T, 100, T[100] + 2e-4))["log.jitter"]
     held = np.where(T < 1.0, 0.0, np.where(T > 1.8, 1.0, (T - 1.0) / 0.8))
     found = check(position=np.column_stack([held, GOOD.position[:, 1]]))
-    assert "'joint1' stands still during 7" in found["log.standstill"]
+    assert "'joint1' is at standstill for 7" in found["log.standstill"]
     assert (
         "'joint2' moves over 114.6 rad" in check(position=np.degrees(GOOD.position))["log.looks-like-degrees"]
     )

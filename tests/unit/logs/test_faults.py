@@ -333,7 +333,7 @@ def test_a_robot_that_is_polled_too_fast_gets_its_own_clock(seed, ratio, late, p
     np.testing.assert_array_equal(moved.torque, fresh.torque)
     assert moved.period == pytest.approx(period, rel=2e-4)
     assert np.ptp(np.diff(moved.time)) < 1e-9
-    assert f"{100.0 * (1.0 - len(fresh.time) / len(log.time)):.3g} % of the rows" in found.notices[-1].text
+    assert f"{100.0 * (1.0 - len(fresh.time) / len(log.time)):.3g} % of the samples" in found.notices[-1].text
     assert f"every {1e3 * moved.period:.6g} ms" in found.notices[-1].text
 
 
@@ -485,7 +485,7 @@ def cases(shared_data, tmp_path_factory):
 
 
 def test_a_polled_log_identifies_as_it_should(cases):
-    """A planar arm, made by a model of its own; 15 % of the rows repeat."""
+    """A planar arm, made by a model of its own; 15 % of the samples repeat."""
     robot, library, read = cases
     estimate = identify_parameters(library, [read("polled_train")], robot.processing)
     found = {entry.name: entry.value for entry in estimate.parameters}

@@ -270,7 +270,7 @@ def test_the_verdict_follows_what_springs_leave_and_how_the_iteration_ended(
 def test_linear_springs_that_do_as_well_are_named_and_drawn(estimate, trial):
     joints = tuple(replace(joint, final=joint.straight * joint.torsion) for joint in trial.joints)
     for entry, same in ((trial, False), (replace(trial, joints=joints), True)):
-        assert any("no more" in text for text in judge(estimate, entry).details) is same
+        assert any("no better" in text for text in judge(estimate, entry).details) is same
     joint = trial.joints[0]
     assert "linear start" in draw_loops(joint).svg
     assert "best linear spring" in draw_loops(replace(joint, initial=None)).svg
@@ -322,9 +322,9 @@ def test_without_a_held_out_log_stretches_of_its_own_logs_judge(
     )
     verdict = judge_elastic(replace(estimate, evidence=evidence, parameters=(), covariance=()), ())
     assert verdict.level == level
-    told = f"at most {held_out:.3g} % of a motor's torque unexplained, 1.3 times its noise"
+    told = f"at most {held_out:.3g} % of a motor's torque, 1.3 times its noise"
     assert told in verdict.headline
-    assert ("otherwise than without" in verdict.headline) == (contradiction > 5.0)
+    assert ("differ from those without" in verdict.headline) == (contradiction > 5.0)
 
 
 def test_evidence_has_a_value_a_joint_and_refused_springs_do_not_judge(estimate):
@@ -332,7 +332,7 @@ def test_evidence_has_a_value_a_joint_and_refused_springs_do_not_judge(estimate)
     springs = (lost, replace(lost, joint="two", identifiable=True))
     whole = ElasticEvidence(held_out=(4.0, 1.0), noise=(1.0, 1.0), springs=(90.0, 0.2))
     plain = replace(estimate, evidence=whole, springs=springs, parameters=(), covariance=())
-    assert "the springs leave at most 0.2 %" in judge_elastic(plain, ()).headline
+    assert "of the springs at most 0.2 %" in judge_elastic(plain, ()).headline
     assert not any("evidence" in text for text in replace(estimate, evidence=whole).list_mistakes())
     for broken in ({"held_out": ()}, {"noise": (1.0,)}, {"springs": (-1.0, 0.2)}):
         wrong = replace(estimate, evidence=replace(whole, **broken)).list_mistakes()

@@ -41,7 +41,7 @@ def test_the_page_tells_all_and_loads_nothing(found, tmp_path):
     moved = len(history) > 2 and max(history) > 1.01 * min(history)
     assert reader.tags.count("svg") == 1 + moved
     settled = replace(joint, estimate=replace(joint.estimate, history=(4.0, 2.0, 1.0)))
-    assert "Did the search settle?" in render_page(build_friction_page(replace(found, joints=(settled,))))
+    assert "Did the search converge?" in render_page(build_friction_page(replace(found, joints=(settled,))))
     for expected in ("joint1: stribeck+offset", "chosen", *(name for name, _ in found.refused)):
         assert expected in text
     assert escape(joint.poses.verdict[1:]) in text
@@ -103,7 +103,7 @@ def test_the_verdict_weighs_what_was_held_back_refused_or_left_out(found):
     excess = ParameterEstimate(name="fE", value=-3.5, std=0.2, unit="N")
     for value, said in ((-3.5, True), (-0.3, False), (3.5, False)):
         verdict = judge_law(parameters=(*joint.estimate.parameters, replace(excess, value=value)))
-        assert ("falls towards rest" in verdict.headline) is said
+        assert ("falls towards zero speed" in verdict.headline) is said
         assert verdict.level != "good" or not said
     poses = replace(joint.poses, parameters=(), skipped=(("log 7", "every row is slow"),))
     text = render_page(build_friction_page(replace(found, joints=(replace(joint, poses=poses),))))

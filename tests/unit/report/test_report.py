@@ -129,7 +129,7 @@ def test_rows_of_another_kind_are_not_good(result):
     estimate, validation = result
     verdict = judge_identification(replace(estimate, rows="energy"), (validation,))
     assert verdict.level == "usable"
-    assert verdict.headline.startswith("On held-out logs ")
+    assert verdict.headline.startswith("The residual of held-out logs ")
 
 
 def test_vague_parameters_are_not_good(result):

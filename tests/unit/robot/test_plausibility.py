@@ -83,7 +83,7 @@ SLIPS = {
     "diagonal first": (reorder((0, 3, 5, 1, 2, 4)), True, "in the order xx yy zz xy xz yz", 1.0, 0.9),
     "row by row below the diagonal": (reorder((0, 1, 3, 2, 4, 5)), True, "in the order xx xy yy", 0.9, 0.8),
     "a minus before a moment": (turn_sign, False, "without the minus", 1.0, 1.0),
-    "parallel axis taken off twice": (lambda link, _: shift(link, -1), True, "taken off twice", 1.0, 0.9),
+    "parallel axis subtracted twice": (lambda link, _: shift(link, -1), True, "subtracted twice", 1.0, 0.9),
     "about the link's origin": (lambda link, _: shift(link, 1), True, "about the links' origins", 0.9, 0.9),
     "sign of a product of inertia": (flip_product, False, "another sign of a product", 0.0, 0.0),
 }

@@ -230,7 +230,7 @@ def test_followers_of_a_joint_before_the_base_stand_still_at_their_offset():
     assert [str(value) for value in robot.gravity] == ["0", "-981/100", "0"]
     assert [entry.name for entry in robot.joints] == ["j"]
     text = find_text(robot, "robot.follower-still")
-    assert "joints 'g': follow a joint before the base, and stand still at their offset" in text
+    assert "joints 'g': follow a joint before the base, and rest at their offset" in text
     assert robot.freedom == 1
 
 

@@ -195,3 +195,8 @@ def test_a_log_in_line_and_its_stiffness_say_that_gravity_never_changes(lift):
     assert joint.verdict is StiffnessVerdict.NO_GRAVITY
     assert joint.left > 0.0
     assert "log.offset-unknown" in {notice.code for notice in found.notices}
+
+
+def test_files_of_earlier_versions_may_have_the_name_that_it_had():
+    assert StiffnessVerdict["VAGUE"] is StiffnessVerdict.UNCERTAIN
+    assert [verdict.name for verdict in StiffnessVerdict if "poorly" in verdict.value] == ["UNCERTAIN"]

@@ -131,7 +131,7 @@ def test_noise_of_torque_alone_is_not_called_bias():
 def test_what_either_side_cannot_tell_is_refused():
     rng = np.random.default_rng(5)
     rows, instruments = make_pair(rng, states=0.1)
-    why = "it does not act on any measured torque in this log"
+    why = "acts on no measured torque of this log"
     blind, still = instruments.matrix * [1.0, 1.0, 0.0], rows.matrix * [1.0, 0.0, 1.0]
     found = fit_instruments(rows, replace(instruments, matrix=blind))
     assert dict(found.identifiability.refused) == {"c": why}

@@ -130,7 +130,7 @@ def test_slow_rows_are_left_out_and_counted():
     rows = found.samples.rows
     assert np.abs(rows.velocity).min() >= 0.2
     whole = extract(record(0.8)).samples.rows
-    assert f"{int(np.sum(np.abs(whole.velocity) < 0.2))} of {len(whole.time)} rows" in notice.text
+    assert f"{int(np.sum(np.abs(whole.velocity) < 0.2))} of {len(whole.time)} samples" in notice.text
     with raises(IdentifiabilityError, "friction.all-slow"):
         extract(record(0.8), processing=Processing(standstill=2.0))
 

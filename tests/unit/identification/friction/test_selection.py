@@ -63,11 +63,13 @@ def test_the_true_law_is_taken(truth):
     assert taken.held_rms == pytest.approx(0.05, rel=0.1)
     assert taken.held_percent > taken.fitted_percent
     assert taken.behind <= 1.0
-    assert selection.verdict.startswith(f"{truth} leaves {taken.held_percent:.3g} % of the torque")
+    assert selection.verdict.startswith(
+        f"{truth} has a held-out residual of {taken.held_percent:.3g} % of the torque"
+    )
     assert f"({taken.held_rms:.3g} N m RMS)" in selection.verdict
     if truth == "stribeck+offset":
         assert taken.ratio < 0.6
-        assert "coulomb-viscous-offset leaves" in selection.verdict
+        assert "coulomb-viscous-offset has" in selection.verdict
     else:
         assert taken.ratio == 1.0
 

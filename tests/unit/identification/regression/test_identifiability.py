@@ -97,7 +97,7 @@ def test_columns_that_tell_nothing_are_refused_without_harm_to_the_others():
     [
         (np.zeros((9, 2)), np.ones(9), "identify.nothing", r"^[^()]*$"),
         (np.ones((9, 2)), np.ones(9), "identify.nothing", r"\(a: .* b, .*; b: .* a, .*\)"),
-        (np.eye(2), np.ones(2), "identify.too-few-rows", r"2 torque rows .* 2 parameters"),
+        (np.eye(2), np.ones(2), "identify.too-few-rows", r"2 torque equations .* 2 parameters"),
         (np.eye(3)[:, :2], np.zeros(3), "identify.no-torque", "torque"),
     ],
 )

@@ -144,7 +144,7 @@ def test_friction_of_a_log_with_faults():
         found = extract_joint(logs, joint)
         (notice,) = (entry for entry in found.notices if entry.code == "identify.bad-rows")
         lost = int(np.sum(~found.kept))
-        assert f"{lost} of {len(found.kept)} rows" in notice.text
+        assert f"{lost} of {len(found.kept)} samples" in notice.text
         assert lost == np.sum(logs.mask_bad(joint, (0,)))
     bad = np.zeros(mended.position.shape, dtype=bool)
     bad[700] = True

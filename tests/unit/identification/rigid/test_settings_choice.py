@@ -175,10 +175,10 @@ def test_rows_beside_slow_ones_are_left_out_unless_they_are_most(margin):
         else:
             # As far as half of them allow.
             assert away[kept[own]].min() > 0.1
-    assert all("or beside such rows" in notice.text for notice in notices)
+    assert all("or beside such samples" in notice.text for notice in notices)
 
 
 def test_a_log_all_of_whose_rows_are_bad_leaves_nothing_to_fit():
     log = record(0)
-    with pytest.raises(IdentifiabilityError, match="no equation is left"):
+    with pytest.raises(IdentifiabilityError, match="gives no equation"):
         identify_parameters(LIBRARY, [replace(log, bad=np.ones(log.position.shape, dtype=bool))], AUTOMATIC)
