@@ -417,6 +417,10 @@ class RigidFit(_DynamicsFit):
         """Return a headline, and tables of parameters and residuals."""
         return report.fit_text.show_estimate(self.estimate)
 
+    def brief(self) -> "tuple[report.Block, ...]":
+        """Return the tables without the residual of all rows, where there is a better one."""
+        return report.fit_text.show_estimate(self.estimate, brief=True)
+
     def _describe(self) -> dict[str, object]:
         return {**report.fit_text.describe_estimate(self.estimate), **self.extra}
 
@@ -535,6 +539,10 @@ class FrictionFit(Fit):
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return choice, law, parameters and residual of every joint."""
         return report.fit_text.show_friction(self.estimate)
+
+    def brief(self) -> "tuple[report.Block, ...]":
+        """Return the law and the values of each joint."""
+        return report.fit_text.list_friction(self.estimate)
 
     def _describe(self) -> dict[str, object]:
         return {**report.fit_text.describe_friction(self.estimate), **self.extra}

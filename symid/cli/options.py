@@ -347,8 +347,7 @@ def add_page(answer: Answer, result: Given, page: Path | None, **options: object
     if page is None:
         return answer
     found = result.report(page, **options)
-    text = f"{answer.text}\n\npage: {show_path(getattr(found, 'file', found))}"
-    return replace(answer, text=text, result={**answer.result, "page": page})
+    return answer.write(f"page: {show_path(getattr(found, 'file', found))}", page=page)
 
 
 _READING = ("base", "tip", "snap", "xacro", "gravity", "zeros")

@@ -190,8 +190,8 @@ def report_command(
             text = f"{', '.join(given)} needs an estimate of dynamics or friction; leave it out"
             raise UsageError(Notice(code="usage.no-validation", text=text, file=str(estimate)))
         written = cli.add_page(make_answer(other), other, output)
-        result = {**written.result, "file": output}
-        return replace(written, text=f"report: {show_path(output)}", result=result)
+        said = (f"report: {show_path(output)}",)
+        return replace(written, blocks=said, brief=said).write(file=output)
     fit = symid.load_fit(estimate, None if robot is None else robot.load(console), progress=console.progress)
     if logs or diagnose:
         cli.check_output(output, force=True, inputs=(fit.robot.path,))
