@@ -8,6 +8,7 @@ Friction alone goes into robot files, by the laws that these have; friction of o
 """
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -40,6 +41,8 @@ KINDS = {
 }
 """Kinds of files, by the end of their name."""
 
+_DIGITS = re.compile(r"-?\d+\.\d{6,}(?:e[-+]?\d+)?")
+"""Numbers that the file has with all digits, and a message rounded."""
 _SIMULATED = (".xml", ".mjcf", ".usda")
 
 
@@ -289,7 +292,8 @@ def _write_file(  # noqa: PLR0917 - what is written, where and how
         left_out = tuple(robots.list_usd_omissions(robot))
     if left_out:
         where = "" if rewritten else ", which is in comments"
-        said = f"the format cannot express this{where}: {'; '.join(left_out)}"
+        texts = _DIGITS.sub(lambda found: f"{float(found[0]):.6g}", "; ".join(left_out))
+        said = f"the format cannot express this{where}: {texts}"
         told.append(Notice(code="export.left-out", text=said, file=str(path)))
     return FileExport(
         file=path,
