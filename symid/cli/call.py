@@ -189,10 +189,8 @@ def _write_text(answer: Answer, most: int, *, verbose: bool) -> str:
     from symid.report import shorten_text, write_text
 
     whole = write_text(answer.blocks)
-    if verbose:
-        return whole
-    brief, most = write_text(answer.brief), max(most, LINES // 2)
-    if brief == whole and len(whole.splitlines()) <= most:
+    most = max(most, LINES // 2)
+    if verbose or (len(whole.splitlines()) <= most):
         return whole
     file = Path(str(answer.result.get("file", "")))
     held = f"; all values are in {show_path(file)}" if file.suffix == ".json" else ""

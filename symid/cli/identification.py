@@ -258,10 +258,10 @@ def hysteresis_command(
         train, test = parts[0] if parts else None, pairs[0][1]
     cli.check_output(save, page, force=force, inputs=(file, validate, into))
     pair = None if own is None else (own[0], own[1])
-    tried, title, known = None, validate, None
+    tried, title, known = None, validate, ""
     if saved:
         fit = symid.hysteresis.load(file)
-        known = (f"{file}: {fit.summarise()}",) if validate else None
+        known = f"{file}: {fit.summarise()}" if validate else ""
     else:
         columns = _read_columns(file, names)
         console.progress("fitting elements")
@@ -292,7 +292,8 @@ def hysteresis_command(
         added["code"] = made.to_dict()
     answer = make_answer(fit, *lines, **added).add([] if tried is None else [tried])
     # What a saved fit says was printed when it was made.
-    return answer if known is None else replace(answer, brief=(*known, *lines))
+    said = (known, *lines)
+    return replace(answer, blocks=said, brief=said) if known else answer
 
 
 def _read_columns(file: Path, names: Mapping[str, str | None]) -> "symid.hysteresis.Columns":

@@ -80,7 +80,10 @@ class Verb(click.Command):
         for names, text in (
             (("--json", "as_json"), "Print one JSON object on stdout."),
             (("-q", "--quiet"), "No progress and no warnings."),
-            (("-v", "--verbose"), "More progress and all warnings; a traceback when symid fails."),
+            (
+                ("-v", "--verbose"),
+                "All lines, warnings and notes, more progress; a traceback when symid fails.",
+            ),
         ):
             self.params.append(_GroupedOption(names, is_flag=True, help=text, group=self.flags))
 
