@@ -31,7 +31,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from symid import __version__
+from symid import __version__, report
 from symid.environment import show_path
 from symid.errors import MOST_WARNINGS, SEVERE, Notice, SymidError, list_notice_lines, sort_notices
 from symid.serialization import write_json
@@ -186,15 +186,13 @@ def print_answer(answer: Answer, console: Console, *, as_json: bool, verbose: bo
 
 def _write_text(answer: Answer, most: int, *, verbose: bool) -> str:
     """Return what people read, without -v in `most` lines, the last of which says where the rest is."""
-    from symid.report import shorten_text, write_text
-
-    whole = write_text(answer.blocks)
+    whole = report.write_text(answer.blocks)
     most = max(most, LINES // 2)
     if verbose or (len(whole.splitlines()) <= most):
         return whole
     file = Path(str(answer.result.get("file", "")))
     held = f"; all values are in {show_path(file)}" if file.suffix == ".json" else ""
-    return f"{shorten_text(answer.brief, most - 2)}\n\nshortened: -v prints all{held}"
+    return f"{report.shorten_text(answer.brief, most - 2)}\n\nshortened: -v prints all{held}"
 
 
 def _count_robot_notes(notices: Sequence[Notice]) -> list[Notice]:

@@ -8,7 +8,7 @@ from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
     "files of symid/": 227,
-    "lines": 84_674,
+    "lines": 84_675,
     "imports inside functions": 76,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
     "lines of tests": 59_201,  # Faults of samples, and plants of the judge, are tested on their own.
