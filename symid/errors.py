@@ -50,7 +50,7 @@ NOTES = frozenset(
         *("robot.assumed-gravity", "robot.cut-off", "robot.default-axis", "robot.elastic-joint"),
         *("robot.endless-limits", "robot.fixed-to-base", "robot.follower-still", "robot.lumped"),
         *("robot.mjcf-controller", "robot.mjcf-unused", "robot.angle-rounded", "robot.renamed"),
-        *("robot.rounding-assumed", "robot.rounding-price"),
+        *("robot.notes", "robot.rounding-assumed", "robot.rounding-price"),
         *("robot.urdf-unused", "robot.xacro-arguments"),
     )
 )
@@ -117,6 +117,7 @@ MILD = (
 MOST_WARNINGS = 3
 """Warnings that are printed below a result; the others are counted."""
 _NUMBER = re.compile(r"(?<![\w.'])[+-]?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w'])")
+_JOINT = re.compile(r"joint ('[^']*'):")
 _NAMED = 3
 """Files of a merged notice that are named."""
 
@@ -138,16 +139,22 @@ def sort_notices(notices: Iterable[Notice]) -> tuple[Notice, ...]:
 def list_notice_lines(
     notices: Iterable[Notice], sources: Collection[str], where: str, *, most: int | None = MOST_WARNINGS
 ) -> Iterator[tuple[str, str]]:
-    """Yield kind and text of what is printed: `most` warnings, how many more there are, and notes, each once.
+    """Yield kind and text of what is printed: `most` warnings, as many notes, and how many more there are.
 
-    `sources` are all logs, as for `merge_notices`; `where` says how the other warnings are seen.
+    `sources` are all logs, as for `merge_notices`; `where` says how the others are seen.
     """
     merged = merge_notices(notices, sources)
-    warnings = [("warning", str(entry)) for entry in merged if not entry.is_note]
-    yield from warnings[:most]
-    if more := len(warnings) - len(warnings[:most]):
-        yield "warning", f"and {more} more warning{'s'[: more > 1]}: {where}"
-    yield from (("note", str(entry)) for entry in merged if entry.is_note)
+    for kind in ("warning", "note"):
+        texts = [str(entry) for entry in merged if entry.is_note is (kind == "note")]
+        yield from ((kind, text) for text in texts[:most])
+        if more := len(texts) - len(texts[:most]):
+            yield kind, f"and {more} more {kind}{'s'[: more > 1]}: {where}"
+
+
+def shorten_names(words: Iterable[str], most: int = 12) -> str:
+    """Return names as a list in a sentence, of which `most` are named and the others counted."""
+    names = list(words)
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 def merge_notices(notices: Iterable[Notice], sources: Collection[str] = ()) -> tuple[Notice, ...]:
@@ -166,7 +173,21 @@ def merge_notices(notices: Iterable[Notice], sources: Collection[str] = ()) -> t
         ):
             turn += 1
         groups.setdefault((notice.code, template, turn), []).append(notice)
-    return tuple(_merge(group, sources) for group in groups.values())
+    merged = [_merge(group, sources) for group in groups.values()]
+    alike: dict[tuple[str, str, str], list[Notice]] = {}
+    for notice in merged:
+        # What is about one joint may be told of each, with other numbers.
+        found = _JOINT.match(notice.text)
+        template = _NUMBER.sub("#", notice.text[found.end() :]) if found else str(notice)
+        alike.setdefault((notice.code, template, notice.file), []).append(notice)
+    return tuple(_name_others(group) for group in alike.values())
+
+
+def _name_others(group: Sequence[Notice]) -> Notice:
+    """Return the first of notices that differ by their joint and by numbers, with the names of the others."""
+    names = [found[1] for notice in group[1:] if (found := _JOINT.match(notice.text))]
+    more = f" (likewise, with other numbers: {', '.join(names)})" if names else ""
+    return replace(group[0], text=group[0].text + more)
 
 
 def _merge(group: Sequence[Notice], sources: Collection[str]) -> Notice:
@@ -177,10 +198,8 @@ def _merge(group: Sequence[Notice], sources: Collection[str]) -> Notice:
     if any(notice.text != first.text for notice in group):
         others = f"{count - 1} more file{'s'[: count > 2]}"
         return replace(first, text=f"{first.text} (and with other numbers in {others})")
-    if sources and {*files} == {*sources}:
-        names = f"all {count} logs"
-    else:
-        names = ", ".join(files[:_NAMED]) + (f" and {count - _NAMED} more" if count > _NAMED else "")
+    named = sources and {*files} == {*sources}
+    names = f"all {count} logs" if named else shorten_names(files, _NAMED)
     return replace(first, text=f"{first.text} ({names})", file="", line=0, column=0)
 
 

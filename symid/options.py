@@ -14,6 +14,7 @@ Loads nothing heavy: the command line reads the records before it knows what to 
 """
 
 import math
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import Field, dataclass, field, fields, replace
 from os import PathLike
@@ -31,7 +32,8 @@ class Kind:
     """What the values of an option are; None is accepted where it is the default.
 
     Args:
-        name: "number", "whole", "words", "flag", "text", "file", or "numbers": a list, one for each joint.
+        name: "number", "whole", "words", "flag", "text", "file", "identifier", or "numbers": a list, one for
+            each joint.
         least, most: limits of a number. open: the least is refused itself.
         words: allowed ones. beside: what the command line takes as well, for another procedure.
         many: a tuple of such values; the command line takes the option several times.
@@ -64,6 +66,9 @@ class Kind:
                 return "" if good else f"a whole number of {self.least:g} or more"
             case "words":
                 return "" if value in self.words else f"one of {', '.join(map(repr, self.words))}"
+            case "identifier":
+                good = isinstance(value, str) and bool(re.fullmatch(r"[A-Za-z]\w*", value, re.ASCII))
+                return "" if good else "letters, digits and underscores, with a letter first, such as tool_a"
             case "numbers":
                 good = isinstance(value, tuple) and all(isinstance(entry, int | float) for entry in value)
                 return "" if good else "a list of numbers, one a joint"
@@ -429,6 +434,14 @@ class ExportOptions(Options):
         "Type of the numbers in a C header: that of the generated library.",
         words("double", "float"),
         code="usage.export-precision",
+    )
+    name: str | None = _output(
+        None,
+        "In a C header: how its names begin, such as tool_a, so that one program can include several.  "
+        "[default: that of the generated library]",
+        Kind(name="identifier"),
+        "NAME",
+        code="usage.export-name",
     )
     accept: bool = _output(False, "Write the file although the verdict on ESTIMATE is wrong.", FLAG)
     limit: float | None = _output(

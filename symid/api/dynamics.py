@@ -129,6 +129,10 @@ class BaseSet(Result):
         """Return a headline, and every parameter with its grouping and reason."""
         return report.robot_text.show_base(self.robot, self.product)
 
+    def brief(self) -> "tuple[report.Block, ...]":
+        """Return the parameters without reasons."""
+        return report.robot_text.list_base(self.robot, self.product)
+
     def _tabulate(self) -> "tuple[report.Block, ...]":
         return report.robot_text.tabulate_base(self.robot, self.product)
 

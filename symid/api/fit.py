@@ -258,6 +258,7 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         path: str | PathLike[str] | None = None,
         *,
         precision: Precision = "double",
+        name: str | None = None,
         accept: bool = False,
         limit: float | None = None,
         ratio: float | None = None,
@@ -272,6 +273,7 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             path: .toml (robot file), .urdf, .xml or .mjcf (MuJoCo), .usda, .h (C) or .json; overwritten.
                 None for the URDF or MJCF that the robot was made from, in place.
             precision: of the numbers in a C header: that of the generated library.
+            name: how names in a C header begin, such as "tool_a"; by default that of the generated library.
             accept: write the file although the verdict on the fit is wrong.
             limit: percent of each joint's torque that the bodies may differ from the fit by; by default 0.5,
                 or 0.45 times what the fit leaves of held-out torque where that is more.
@@ -285,7 +287,7 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             OutputError: the file cannot be written.
         """
         robot = self.robot
-        options = ExportOptions(precision=precision, accept=accept, limit=limit, ratio=ratio)
+        options = ExportOptions(precision=precision, name=name, accept=accept, limit=limit, ratio=ratio)
         return export_fit(robot.description, self, path, options, robot.progress)
 
     def report(
@@ -415,6 +417,10 @@ class RigidFit(_DynamicsFit):
         """Return a headline, and tables of parameters and residuals."""
         return report.fit_text.show_estimate(self.estimate)
 
+    def brief(self) -> "tuple[report.Block, ...]":
+        """Return the tables without the residual of all rows, where there is a better one."""
+        return report.fit_text.show_estimate(self.estimate, brief=True)
+
     def _describe(self) -> dict[str, object]:
         return {**report.fit_text.describe_estimate(self.estimate), **self.extra}
 
@@ -533,6 +539,10 @@ class FrictionFit(Fit):
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return choice, law, parameters and residual of every joint."""
         return report.fit_text.show_friction(self.estimate)
+
+    def brief(self) -> "tuple[report.Block, ...]":
+        """Return the law and the values of each joint."""
+        return report.fit_text.list_friction(self.estimate)
 
     def _describe(self) -> dict[str, object]:
         return {**report.fit_text.describe_friction(self.estimate), **self.extra}

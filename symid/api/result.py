@@ -1,6 +1,6 @@
 """What all results of the API have in common: printing, JSON, notebooks, warnings and errors.
 
-str(result)             as the command line prints it, with the most important warnings, and errors
+str(result)             as the command line prints it with -v, with the most important warnings, and errors
 result.verdict          of fits, validations and pages: what it is worth, first in all that is printed
 result.to_dict()        as the command line gives it with --json
 result.notices          warnings and notes; result.errors why it is not acceptable
@@ -95,6 +95,10 @@ class Result(ABC):
     def __repr__(self) -> str:
         """Return the result in one line."""
         return f"<{type(self).__name__} {self.summarise()}>"
+
+    def brief(self) -> "tuple[report.Block, ...]":
+        """Return the blocks that the command line prints without -v, the longest of them cut."""
+        return self.blocks()
 
     def to_text(self) -> str:
         """Return texts and tables, without warnings and errors."""

@@ -41,7 +41,16 @@ from symid.codegen import BACKENDS
 from symid.environment import report_count
 from symid.errors import Notice, UsageError
 from symid.identification import elastic, friction as friction_fits, rigid as rigid_fits
-from symid.options import ExciteOptions, PayloadOptions, Precision, SimulateOptions, check_value, merge, words
+from symid.options import (
+    ExciteOptions,
+    ExportOptions,
+    PayloadOptions,
+    Precision,
+    SimulateOptions,
+    check_value,
+    merge,
+    words,
+)
 from symid.serialization import describe_record
 
 FollowedMotion: TypeAlias = (
@@ -409,20 +418,25 @@ class RobotModel(RobotDynamics):
         found = identification.identify_payload(self.description, *sides, options, self.context)
         return PayloadResult(product=found, carrier=self.description)
 
-    def export(self, path: str | PathLike[str], *, precision: Precision = "double") -> ExportedFile:
+    def export(
+        self, path: str | PathLike[str], *, precision: Precision = "double", name: str | None = None
+    ) -> ExportedFile:
         """Write the robot with the values of its robot file; the suffix of `path` selects the format.
 
         Args:
             path: an existing file is overwritten: .toml, .urdf, .xml or .mjcf (MuJoCo), .usda, .h (C), .json.
             precision: of the numbers in a C header: that of the generated library.
+            name: how names in a C header begin, such as "tool_a"; by default that of the generated library.
 
         Raises:
-            UsageError: the format is unknown, or has no precision.
+            UsageError: the format is unknown, or has no precision or names.
             RobotError: the robot file does not state all values.
             OutputError: the file cannot be written.
         """
         self.progress(f"writing {self.name}")
-        written = identification.write_stated(self.description, Path(path), precision=precision)
+        written = identification.write_stated(
+            self.description, Path(path), ExportOptions(precision=precision, name=name)
+        )
         return ExportedFile(product=written)
 
     # Studies of methods on the robot, simulated.

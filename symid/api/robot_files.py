@@ -203,7 +203,7 @@ def export_fit(
     output = identification.locate_source(robot) if path is None else Path(path)
     result, source = identification.read_result(found)
     is_friction = isinstance(result, friction_fits.FrictionIdentification)
-    identification.check_format(output, options.precision, friction=is_friction)
+    identification.check_format(output, options, friction=is_friction)
     verdict = report.judge_fit(result)
     if verdict.level == "wrong" and not options.accept:
         text = (
@@ -217,13 +217,6 @@ def export_fit(
     else:
         identified = identification.build_identified(robot, result, source)
         progress(f"computing consistent bodies with the identified values of {robot.name}")
-        written = identification.write_identified(
-            identified,
-            source,
-            output,
-            precision=options.precision,
-            limit=options.limit,
-            ratio=options.ratio,
-        )
+        written = identification.write_identified(identified, source, output, options)
     notices = (*report.list_verdict_notices(verdict, str(source)), *written.notices)
     return ExportedFile(product=replace(written, notices=notices))

@@ -7,8 +7,9 @@ for people, or with --json as one object for programs:
     {"ok": false, "errors": [{"code", "file", "line", "column", "text"}]}
 
 An answer that is not acceptable, such as a gate missed or a verdict "wrong", has `ok` false, its errors and
-its result. Of warnings the three most important ones are printed, then notes, then errors; -v and --json
-give all.
+its result. Of warnings the three most important ones are printed, then as many notes, then errors; all in
+`LINES` lines, where the longest tables are cut. What the reader of a robot file noted is printed by `check`
+and `new`; other verbs count it. -v and --json give all.
 
 Exit codes: 0 ok, 1 result not acceptable, 2 usage, 3 input wrong, 4 nothing identifiable, 5 solver failed or
 memory ran out, 70 a bug in symid, 74 the output could not be written, 130 interrupted.
@@ -21,32 +22,35 @@ import os
 import re
 import signal
 import sys
+import threading
 import time
 import traceback
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from symid import __version__
+from symid import __version__, report
 from symid.environment import find_memory_limit, secure_linear_algebra, show_path
-from symid.errors import MOST_WARNINGS, Notice, SymidError, list_notice_lines, sort_notices
+from symid.errors import MOST_WARNINGS, SEVERE, Notice, SymidError, list_notice_lines, sort_notices
 from symid.serialization import write_json
 
 if TYPE_CHECKING:
     from symid import Result
+    from symid.report import Block
 
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """The answer of a verb: `text` for people, `result` for programs.
+    """The answer of a verb: `blocks` for people, `brief` without --verbose; `result` for programs.
 
     With `errors` it is not acceptable, and `exit_code` is not zero; `sources` are its logs.
     """
 
-    text: str
+    blocks: "tuple[Block, ...]"
+    brief: "tuple[Block, ...]"
     result: Mapping[str, object]
     warnings: tuple[Notice, ...] = ()
     errors: tuple[Notice, ...] = ()
@@ -59,6 +63,11 @@ class Answer:
         wrong = tuple(entry for entry in self.errors if entry.code in _VERDICTS)
         code = self.exit_code if kept else 0
         return replace(self, warnings=(*wrong, *self.warnings), errors=kept, exit_code=code)
+
+    def write(self, *lines: "Block", **added: object) -> "Answer":
+        """Return the answer with further text and entries of the JSON."""
+        result = {**self.result, **added}
+        return replace(self, blocks=(*self.blocks, *lines), brief=(*self.brief, *lines), result=result)
 
     def add(self, results: "Sequence[Result]") -> "Answer":
         """Return the answer with warnings and errors of further results, those that it has not yet."""
@@ -76,8 +85,10 @@ def make_answer(
     result: "Result", *lines: str, exit_code: int = 1, notices: Sequence[Notice] = (), **added: object
 ) -> Answer:
     """Return the answer for a result of the API, with further text, notices and entries of the JSON."""
+    opening = result.opening()
     return Answer(
-        text="\n\n".join((result.to_text(), *lines)),
+        blocks=(*opening, *result.blocks(), *lines),
+        brief=(*opening, *result.brief(), *lines),
         result={**result.to_dict(), **added},
         warnings=(*result.notices, *notices),
         errors=result.errors,
@@ -92,6 +103,10 @@ def answer_saved(result: Any, output: Path | None, what: str, *lines: str, **add
     return make_answer(result, *lines, *saved, file=output, **added)
 
 
+_CLEAR, _SILENCE = "\r\x1b[K", 2.0
+"""What clears a line of a terminal; seconds without a word."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Console:
     """Progress messages on stderr."""
@@ -99,12 +114,41 @@ class Console:
     quiet: bool = False
     verbose: bool = False
     start: float = field(default_factory=time.monotonic)
+    stages: list[str] = field(default_factory=list)
 
     def progress(self, text: str) -> None:
         """Print the stage that begins."""
         if not self.quiet:
             passed = f" [{time.monotonic() - self.start:.1f} s]" if self.verbose else ""
-            click.echo(f"{text}{passed}", err=True)
+            self.stages.append(text)
+            click.echo(f"{_CLEAR * sys.stderr.isatty()}{text}{passed}", err=True)
+
+    @contextlib.contextmanager
+    def tick(self) -> Iterator[None]:
+        """Show in a terminal how long a stage takes, in a line that the next one replaces."""
+        if self.quiet or not sys.stderr.isatty():
+            yield
+            return
+        done = threading.Event()
+
+        def show() -> None:
+            while not done.wait(1.0):
+                passed = time.monotonic() - self.start
+                if passed > _SILENCE:
+                    click.echo(
+                        f"{_CLEAR}{self.stages[-1] if self.stages else 'working'}: {passed:.0f} s",
+                        err=True,
+                        nl=False,
+                    )
+
+        thread = threading.Thread(target=show, daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            done.set()
+            thread.join()
+            click.echo(_CLEAR, err=True, nl=False)
 
     def detail(self, text: str) -> None:
         """Print a detail with --verbose."""
@@ -112,8 +156,15 @@ class Console:
             click.echo(text, err=True)
 
 
-def print_answer(answer: Answer, *, as_json: bool, quiet: bool, verbose: bool = False) -> None:
-    """Print the answer on stdout, its warnings and errors on stderr or in the object."""
+LINES = 40
+"""Lines of an answer without --verbose, with its progress and its notices: those of a terminal."""
+
+
+def print_answer(answer: Answer, console: Console, *, as_json: bool, verbose: bool, whole: bool) -> None:
+    """Print the answer on stdout, its warnings and errors on stderr or in the object.
+
+    `whole` is whether the notes on the robot file are printed one by one.
+    """
     if as_json:
         envelope: dict[str, object] = {"ok": not answer.errors}
         if answer.errors:
@@ -122,13 +173,38 @@ def print_answer(answer: Answer, *, as_json: bool, quiet: bool, verbose: bool = 
         envelope["warnings"] = [asdict(notice) for notice in sort_notices(answer.warnings)]
         click.echo(write_json(envelope))
         return
-    if answer.text:
-        click.echo(answer.text)
-    if not quiet:
-        most = None if verbose else MOST_WARNINGS
-        for kind, text in list_notice_lines(answer.warnings, answer.sources, "-v shows them", most=most):
-            _print_line(kind, text)
+    most = None if verbose else MOST_WARNINGS
+    notices = answer.warnings if verbose or whole else _count_robot_notes(answer.warnings)
+    told = [] if console.quiet else [*list_notice_lines(notices, answer.sources, "-v shows them", most=most)]
+    if text := _write_text(
+        answer, LINES - len(console.stages) - len(told) - len(answer.errors), verbose=verbose
+    ):
+        click.echo(text)
+    for kind, line in told:
+        _print_line(kind, line)
     print_errors(answer.errors)
+
+
+def _write_text(answer: Answer, most: int, *, verbose: bool) -> str:
+    """Return what people read, without -v in `most` lines, the last of which says where the rest is."""
+    whole = report.write_text(answer.blocks)
+    most = max(most, LINES // 2)
+    if verbose or (len(whole.splitlines()) <= most):
+        return whole
+    file = Path(str(answer.result.get("file", "")))
+    held = f"; all values are in {show_path(file)}" if file.suffix == ".json" else ""
+    return f"{report.shorten_text(answer.brief, most - 2)}\n\nshortened: -v prints all{held}"
+
+
+def _count_robot_notes(notices: Sequence[Notice]) -> list[Notice]:
+    """Return the notices with one in place of those on a robot file that are not severe."""
+    notes = [entry for entry in notices if entry.code.startswith("robot.") and entry.code not in SEVERE]
+    rest = [entry for entry in notices if entry not in notes]
+    for file in dict.fromkeys(entry.file for entry in notes):
+        count = len({entry for entry in notes if entry.file == file})
+        text = f"{count} note{'s'[: count > 1]} on the robot file: symid check {file} prints "
+        rest.append(Notice(code="robot.notes", text=f"{text}{'them' if count > 1 else 'it'}", file=file))
+    return rest
 
 
 def print_errors(notices: Sequence[Notice], *, as_json: bool = False) -> None:
@@ -230,11 +306,13 @@ def _answer(arguments: Sequence[str]) -> int:
     try:
         if find_memory_limit() is not None and not {"-h", "--help", "--version"} & {*arguments}:
             secure_linear_algebra()
-        answer = symid.main(args=list(arguments), prog_name="symid", standalone_mode=False, obj=console)
+        with console.tick():
+            answer = symid.main(args=list(arguments), prog_name="symid", standalone_mode=False, obj=console)
         if not isinstance(answer, Answer):
             # --help and --version print for themselves and return their exit code.
             return int(answer or 0)
-        print_answer(answer, as_json=as_json, quiet=quiet, verbose=verbose)
+        whole = not {"check", "new"}.isdisjoint(arguments[:1])
+        print_answer(answer, console, as_json=as_json, verbose=verbose, whole=whole)
         sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):
         print_errors([Notice(code="symid.interrupted", text="interrupted")], as_json=as_json)

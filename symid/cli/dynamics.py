@@ -187,7 +187,8 @@ def simulate_command(
     run = model.simulate(trajectory, options=options)
     written = run.save(output)
     result = {"robot": model.name, "file": written, **run.to_dict()}
-    return Answer(f"{show_path(written)}: {run.summarise()}", result, run.notices)
+    said = (f"{show_path(written)}: {run.summarise()}",)
+    return Answer(said, said, result, run.notices)
 
 
 _FLAGS = frozenset({"--json", "--quiet", "--verbose"})

@@ -96,7 +96,7 @@ def new_command(console: Console, *, file: Path, force: bool, **options: cli.Giv
     if log is not None:
         following = f"symid check {shlex.join((str(show_path(file)), str(log)))}"
     text = "\n".join((head, *shown, f"next: {following}"))
-    return Answer(text, {"file": file, **draft.to_dict()}, tuple(notices))
+    return Answer((text,), (text,), {"file": file, **draft.to_dict()}, tuple(notices))
 
 
 _TOO_LITTLE = 4
@@ -159,4 +159,5 @@ def plot_command(
     written = figures.save(output)
     captions = [entry.caption for entry in figures.drawings]
     result = {"robot": model.name, "file": written, "figures": captions}
-    return Answer("\n".join((*captions, f"plot: {show_path(written)}")), result, model.description.notices)
+    said = ("\n".join((*captions, f"plot: {show_path(written)}")),)
+    return Answer(said, said, result, model.description.notices)

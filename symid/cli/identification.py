@@ -105,11 +105,8 @@ def _add_tests(answer: Answer, fit: Fit, tests: Sequence[tuple[Path, str]], page
     if not tests:
         return cli.add_page(answer, fit, page)
     found = [fit.validate(log, test=part) for log, part in tests]
-    answer = replace(
-        answer.add(found),
-        text="\n\n".join((answer.text, *(entry.to_text() for entry in found))),
-        result={**answer.result, "validations": [entry.to_dict() for entry in found]},
-    )
+    blocks = (block for entry in found for block in (*entry.opening(), *entry.blocks()))
+    answer = answer.add(found).write(*blocks, validations=[entry.to_dict() for entry in found])
     logs, parts = zip(*tests, strict=True)
     return cli.add_page(answer, fit, page, validation=logs, test=parts)
 
@@ -264,9 +261,10 @@ def hysteresis_command(
         train, test = parts[0] if parts else None, pairs[0][1]
     cli.check_output(save, page, force=force, inputs=(file, validate, into))
     pair = None if own is None else (own[0], own[1])
-    tried, title, notices = None, validate, tuple[Notice, ...]()
+    tried, title, notices, known = None, validate, tuple[Notice, ...](), ""
     if saved:
         fit = symid.hysteresis.load(file)
+        known = f"{file}: {fit.summarise()}" if validate else ""
     else:
         columns = _read_columns(file, names)
         notices = columns.notices
@@ -297,7 +295,10 @@ def hysteresis_command(
         )
         lines.append(made.to_text())
         added["code"] = made.to_dict()
-    return make_answer(fit, *lines, notices=notices, **added).add([] if tried is None else [tried])
+    answer = make_answer(fit, *lines, notices=notices, **added).add([] if tried is None else [tried])
+    # What a saved fit says was printed when it was made.
+    said = (known, *lines)
+    return replace(answer, blocks=said, brief=said) if known else answer
 
 
 def _read_columns(file: Path, names: Mapping[str, str | None]) -> "symid.hysteresis.Columns":

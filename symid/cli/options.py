@@ -81,7 +81,10 @@ class Verb(click.Command):
         for names, text in (
             (("--json", "as_json"), "Print one JSON object on stdout."),
             (("-q", "--quiet"), "No progress and no warnings."),
-            (("-v", "--verbose"), "More progress and all warnings; a traceback when symid fails."),
+            (
+                ("-v", "--verbose"),
+                "All lines, warnings and notes, more progress; a traceback when symid fails.",
+            ),
         ):
             self.params.append(_GroupedOption(names, is_flag=True, help=text, group=self.flags))
 
@@ -351,8 +354,7 @@ def add_page(answer: Answer, result: Given, page: Path | None, **options: object
     if page is None:
         return answer
     found = result.report(page, **options)
-    text = f"{answer.text}\n\npage: {show_path(getattr(found, 'file', found))}"
-    return replace(answer, text=text, result={**answer.result, "page": page})
+    return answer.write(f"page: {show_path(getattr(found, 'file', found))}", page=page)
 
 
 _READING = ("base", "tip", "snap", "xacro", "include_outside", "gravity", "zeros")

@@ -190,8 +190,8 @@ def report_command(
             text = f"{', '.join(given)} needs an estimate of dynamics or friction; leave it out"
             raise UsageError(Notice(code="usage.no-validation", text=text, file=str(estimate)))
         written = cli.add_page(make_answer(other), other, output)
-        result = {**written.result, "file": output}
-        return replace(written, text=f"report: {show_path(output)}", result=result)
+        said = (f"report: {show_path(output)}",)
+        return replace(written, blocks=said, brief=said).write(file=output)
     fit = symid.load_fit(estimate, None if robot is None else robot.load(console), progress=console.progress)
     if logs or diagnose:
         cli.check_output(output, force=True, inputs=(fit.robot.path,))
@@ -204,7 +204,7 @@ def report_command(
 @click.argument("estimate", required=False, type=cli.FILE)
 @cli.output_option(
     "File to write: .toml, .urdf, .xml or .mjcf (MuJoCo), .usda, .h (C), .json.",
-    cli.record_options(ExportOptions, "precision"),
+    cli.record_options(ExportOptions, "precision", "name"),
     cli.OUTPUT("--in-place", "Write the URDF or MJCF that ROBOT was made from, not -o.", is_flag=True),
     cli.record_options(ExportOptions, "accept", "limit", "ratio"),
 )
@@ -239,5 +239,5 @@ def export_command(
         if output is None:
             text = "--in-place writes the values of ESTIMATE; give one"
             raise UsageError(Notice(code="usage.export-file", text=text))
-        return make_answer(model.export(output, precision=options.precision))
+        return make_answer(model.export(output, precision=options.precision, name=options.name))
     return make_answer(export_fit(model.description, estimate, output, options, console.progress))

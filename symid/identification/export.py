@@ -8,6 +8,7 @@ Friction alone goes into robot files, by the laws that these have; friction of o
 """
 
 import math
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -26,6 +27,7 @@ from symid.identification.identified import Identified, JointCost
 from symid.identification.judge import POLICY
 from symid.identification.rigid import JointScale, compare_fit_scales
 from symid.joint_models import FrictionValues, get_friction_law
+from symid.options import ExportOptions
 from symid.serialization import write_json
 
 KINDS = {
@@ -39,6 +41,8 @@ KINDS = {
 }
 """Kinds of files, by the end of their name."""
 
+_DIGITS = re.compile(r"-?\d+\.\d{6,}(?:e[-+]?\d+)?")
+"""Numbers that the file has with all digits, and a message rounded."""
 _SIMULATED = (".xml", ".mjcf", ".usda")
 
 
@@ -84,10 +88,10 @@ class FileExport:
     notices: tuple[Notice, ...] = ()
 
 
-def check_format(path: Path, precision: str = "double", *, friction: bool = False) -> str:
+def check_format(path: Path, options: ExportOptions, *, friction: bool = False) -> str:
     """Return the end of the file's name, which says its format; a UsageError where there is no such one.
 
-    `precision` is that of the numbers in a C header; `friction` whether friction alone is written.
+    `friction` is whether friction alone is written.
     """
     suffix = path.suffix.lower()
     if suffix not in KINDS:
@@ -98,12 +102,11 @@ def check_format(path: Path, precision: str = "double", *, friction: bool = Fals
                 "export a .urdf, which keeps names, frames and shapes, and copy its values by hand"
             )
         raise UsageError(Notice(code="usage.suffix", text=text))
-    if precision not in robots.PRECISIONS:
-        text = f"precision: expected one of {', '.join(robots.PRECISIONS)}, got {precision!r}"
-        raise UsageError(Notice(code="usage.export-precision", text=text))
-    if precision != "double" and suffix != ".h":
-        text = f"--precision {precision} applies to C headers only; leave it out"
-        raise UsageError(Notice(code="usage.export-precision", text=text))
+    if suffix != ".h":
+        for name, plain in (("precision", "double"), ("name", None)):
+            if (value := getattr(options, name)) != plain:
+                text = f"--{name} {value} applies to C headers only; leave it out"
+                raise UsageError(Notice(code=f"usage.export-{name}", text=text))
     if friction and suffix != ".toml":
         text = (
             f"{path}: friction alone goes into a robot file: export it as one (-o new.toml), then that file "
@@ -113,9 +116,9 @@ def check_format(path: Path, precision: str = "double", *, friction: bool = Fals
     return suffix
 
 
-def write_stated(robot: robots.Robot, path: Path, *, precision: str = "double") -> FileExport:
+def write_stated(robot: robots.Robot, path: Path, options: ExportOptions) -> FileExport:
     """Write the values of the robot file itself; a RobotError where the format needs more than it states."""
-    suffix = check_format(path, precision)
+    suffix = check_format(path, options)
     base = derive_base_parameters(robot)
     if suffix != ".toml":
         # Refuses symbolic lengths without a value.
@@ -138,26 +141,18 @@ def write_stated(robot: robots.Robot, path: Path, *, precision: str = "double") 
             )
             raise RobotError(Notice(code="export.impossible-body", text=text, file=robot.path))
     stated = Identified(robot=robot, base=base, sources=(), values=())
-    return _write_file(stated, path, "stated", precision, robot.notices)
+    return _write_file(stated, path, "stated", options, robot.notices)
 
 
-def write_identified(
-    found: Identified,
-    source: Path,
-    path: Path,
-    *,
-    precision: str = "double",
-    limit: float | None = None,
-    ratio: float | None = None,
-) -> FileExport:
+def write_identified(found: Identified, source: Path, path: Path, options: ExportOptions) -> FileExport:
     """Write the robot with identified values, from `source`.
 
-    `limit` is what the bodies may cost of each joint's torque, in percent, see `measure_costs`; `ratio` how
-    many times larger or smaller it may be than by the values of the robot file. An EstimateError tells that
-    they cost more, that it is beyond, or that such a file cannot have the values.
+    An EstimateError tells that the bodies cost more of a joint's torque than the limit, see `measure_costs`,
+    that the torque is beyond the ratio, or that such a file cannot have the values.
     """
-    check_format(path, precision)
-    library, most = prepare_library(found.robot), POLICY.scale if ratio is None else ratio
+    check_format(path, options)
+    library, limit = prepare_library(found.robot), options.limit
+    most = POLICY.scale if options.ratio is None else options.ratio
     scales = compare_fit_scales(
         library,
         found.robot,
@@ -200,7 +195,7 @@ def write_identified(
     robot = replace(built.robot, source=f"Values identified from {', '.join(sources)}{before}")
     outcome, notices = built.standard.outcome.name.lower(), identified.list_warnings(built, found, source)
     named = replace(found, robot=robot, sources=sources)
-    stored = _write_file(named, path, outcome, precision, notices, source)
+    stored = _write_file(named, path, outcome, options, notices, source)
     return replace(stored, missing=found.missing, standard=built.standard, costs=costs, scales=scales)
 
 
@@ -255,7 +250,7 @@ def _write_file(  # noqa: PLR0917 - what is written, where and how
     found: Identified,
     path: Path,
     outcome: str,
-    precision: str,
+    options: ExportOptions,
     notices: Sequence[Notice],
     source: Path | None = None,
 ) -> FileExport:
@@ -282,7 +277,7 @@ def _write_file(  # noqa: PLR0917 - what is written, where and how
                 )
                 told.append(Notice(code="export.shared-links", text=said, file=str(path)))
     rewritten = made.file if made is not None and text else ""
-    text = text or _write_new(found, suffix, path.parent, outcome, precision)
+    text = text or _write_new(found, suffix, path.parent, outcome, options)
     if source is not None:
         _read_back(text, suffix, source, made if rewritten else None)
     write_file(path, text)
@@ -296,7 +291,8 @@ def _write_file(  # noqa: PLR0917 - what is written, where and how
         left_out = tuple(robots.list_usd_omissions(robot))
     if left_out:
         where = "" if rewritten else ", which is in comments"
-        said = f"the format cannot express this{where}: {'; '.join(left_out)}"
+        texts = _DIGITS.sub(lambda found: f"{float(found[0]):.6g}", "; ".join(left_out))
+        said = f"the format cannot express this{where}: {texts}"
         told.append(Notice(code="export.left-out", text=said, file=str(path)))
     return FileExport(
         file=path,
@@ -346,7 +342,7 @@ def place_in_source(
     return source.text, replace(before, joints=joints, couplings=couplings), notices
 
 
-def _write_new(found: Identified, suffix: str, folder: Path, outcome: str, precision: str) -> str:
+def _write_new(found: Identified, suffix: str, folder: Path, outcome: str, options: ExportOptions) -> str:
     """Return the text of a new file in a folder."""
     robot, whence = found.robot, f"values identified from {', '.join(found.sources)}"
     comment = f"{robot.name} with {whence if found.sources else 'the values of its robot file'}."
@@ -355,7 +351,9 @@ def _write_new(found: Identified, suffix: str, folder: Path, outcome: str, preci
             return robots.write_robot(robot, comment=comment, folder=folder)
         case ".h":
             comments, values = (clean_text(comment),), _build_values(found)
-            return robots.write_c_values(values, comments=comments, precision=precision)
+            return robots.write_c_values(
+                values, comments=comments, precision=options.precision, name=options.name
+            )
         case ".json":
             values, sources = _build_values(found), found.sources
             data = robots.build_json_values(robot, values, outcome=outcome, sources=sources)
@@ -406,7 +404,7 @@ def write_friction(
 
     Friction that robot files have no model for stays as it is, with a notice.
     """
-    check_format(path, friction=True)
+    check_format(path, ExportOptions(), friction=True)
     variant = frictions.set_identified_friction(build_rigid_variant(robot), found)
     check_model(found, build_model_card(variant, derive_base_parameters(variant), ()), str(source))
     logs = ", ".join(Path(entry).name for entry in found.sources)

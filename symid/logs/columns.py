@@ -160,7 +160,8 @@ def _describe_scale(name: str, unit: str, scale: FloatArray, mapped: LogQuantity
         condition = compute_condition(matrix) or np.inf
         text += f" and {what} of the transmission matrix (motor side; condition number {condition:.3g})"
     elif _is_motor_side(mapped):
-        text += f" (motor side, gear included: {_list_values(gears)})"
+        known = np.array_equal(np.abs(scale), np.abs(gears))
+        text += f" (motor side, gear included{'' if known else f': {_list_values(gears)}'})"
     elif motor_current and np.allclose(scale, to_si * gears * constants, 1e-12, 0):
         text += f" (torque constant {_list_values(constants)} N m/A times gear {_list_values(gears)})"
     offset = mapped.offset if mapped else (0.0,)
@@ -169,7 +170,7 @@ def _describe_scale(name: str, unit: str, scale: FloatArray, mapped: LogQuantity
 
 def _list_values(values: Sequence[float] | FloatArray) -> str:
     """Return the values, or the one value that all joints share."""
-    texts = [f"{value:.10g}" for value in values]
+    texts = [f"{value:.7g}" for value in values]
     return texts[0] if all(value == values[0] for value in values) else ", ".join(texts)
 
 

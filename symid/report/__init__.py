@@ -15,6 +15,7 @@ if TYPE_CHECKING:
         Block as Block,
         Drawing as Drawing,
         Table as Table,
+        shorten_text as shorten_text,
         write_html as write_html,
         write_svg as write_svg,
         write_text as write_text,

@@ -48,6 +48,8 @@ _TABLES = """.symid table { border-collapse: collapse; font-variant-numeric: tab
 # The names before a rule: at the beginning of a line, and behind commas before its brace.
 _SELECTOR = re.compile(r"(?:^|(?<=, ))(?=[\w.]+[^{}]*\{)", re.MULTILINE)
 _NOTE_WIDTH = 110
+_LOW = 8
+"""Lines of a part that is cut below which it has no empty ones."""
 _LONG = 24
 """Letters of a cell that may be broken into lines."""
 _HEADING = re.compile(r"(={2,3}) (.*) \1")
@@ -149,6 +151,31 @@ Block = str | Table | Drawing
 def write_text(blocks: Sequence[Block]) -> str:
     """Return the blocks as plain text, figures left out."""
     return "\n\n".join(str(block) for block in blocks if not isinstance(block, Drawing))
+
+
+def shorten_text(blocks: Sequence[Block], most: int) -> str:
+    """Return the blocks as plain text of `most` lines, the longest of them cut to the same length.
+
+    What is cut says how many lines more it has.
+    """
+    parts = [str(block).splitlines() for block in blocks if not isinstance(block, Drawing)]
+    room = most - len(parts) + 1
+    if sum(map(len, parts)) > room:
+        levels = range(3, most + 1)
+        fits = [level for level in levels if sum(min(len(lines), level) for lines in parts) <= room]
+        if not fits:
+            parts = [write_text(blocks).splitlines()]
+        level = fits[-1] if fits else most
+        parts = [_cut(lines, level) for lines in parts]
+    return "\n\n".join("\n".join(lines) for lines in parts)
+
+
+def _cut(lines: list[str], most: int) -> list[str]:
+    """Return `most` lines, the last of which counts the others; all where there are no more."""
+    if len(lines) <= most:
+        return lines
+    full = list(filter(None, lines)) if most < _LOW else lines
+    return [*full[: most - 1], f"... {len(full) - most + 1} more lines"]
 
 
 @cache

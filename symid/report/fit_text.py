@@ -111,8 +111,11 @@ def show_all_rows(validation: "estimators.Validation") -> str:
     )
 
 
-def show_estimate(estimate: "estimators.Estimate") -> tuple[Block, ...]:
-    """Return a headline, the tables, how a simulation went, and what is not identifiable."""
+def show_estimate(estimate: "estimators.Estimate", *, brief: bool = False) -> tuple[Block, ...]:
+    """Return a headline, the tables, how a simulation went, and what is not identifiable.
+
+    `brief` leaves the residual of all rows out where there is one of what was held out.
+    """
     headline = (
         f"{estimate.robot}: {estimate.rows}, {estimate.estimator}, {estimate.samples} equations, condition "
         f"{estimate.condition:.3g}: {estimate.outcome.value}"
@@ -138,7 +141,8 @@ def show_estimate(estimate: "estimators.Estimate") -> tuple[Block, ...]:
     laws = tabulate_laws(estimate.laws)
     mounting: Any = estimate.settings.get("mounting", {})
     said = ("\n".join(mounting["said"]),) if mounting else ()
-    return (headline, *said, table, *laws, show_residual(estimate.residual), *held_out, *texts)
+    residual = () if brief and held_out else (show_residual(estimate.residual),)
+    return (headline, *said, table, *laws, *residual, *held_out, *texts)
 
 
 def _show_parameters(
@@ -395,6 +399,21 @@ def show_friction(found: "FrictionIdentification") -> tuple[Block, ...]:
         blocks += _show_joint_friction(entry)
     refused = [_wrap(f"{name}: {reason}") for name, reason in found.refused]
     return (*blocks, *(["\n".join(refused)] if refused else []))
+
+
+def list_friction(found: "FrictionIdentification") -> tuple[Block, ...]:
+    """Return the law of each joint with its values, and why there is none of the others."""
+    rows = [
+        (
+            entry.joint,
+            entry.estimate.law,
+            ", ".join(f"{one.name} {one.value:.4g} +- {one.std:.2g}" for one in entry.estimate.parameters),
+            entry.residual.relative_percent,
+        )
+        for entry in found.joints
+    ]
+    table = Table(("joint", "law", "values, SI units", "residual/%"), rows, (0, 1, 2), fold=_WIDTH // 2)
+    return (show_friction(found)[0], table, *(f"refused: {name}: {text}" for name, text in found.refused))
 
 
 def _show_joint_friction(entry: "JointFriction") -> list[Block]:

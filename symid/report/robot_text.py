@@ -5,13 +5,14 @@ trajectories, payloads -> blocks, plain types, notices.
 """
 
 import html
+import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from typing import TYPE_CHECKING
 
 from symid import dynamics, logs
 from symid.environment import show_path
-from symid.errors import Notice
+from symid.errors import Notice, shorten_names
 from symid.joint_models import name_shape, name_values
 from symid.notation import INERTIAL
 from symid.report.blocks import Block, Table, write_html
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
 
 _WIDTH = 100
+_CELL = 64
+"""Letters of a sum in a table."""
 _SHOWN = 12
 """Singular values on either side of the rank."""
 _VERDICTS = ("identifiable", "poorly identifiable", "not identifiable", "refused")
@@ -45,6 +48,35 @@ def show_base(robot: Robot, base: "BaseParameters") -> tuple[Block, ...]:
         *(("friction parameters", *map(_show_parameter, friction)) if friction else ()),
         *(("eliminated", *gone) if gone else ()),
     )
+
+
+def list_base(robot: Robot, base: "BaseParameters") -> tuple[Block, ...]:
+    """Return the counts, the names of other parameters, and a table of groupings without reasons."""
+    (head, eliminated), (parameters, friction) = (
+        _summarise_base(robot, base),
+        _describe_parameters(robot, base),
+    )
+    names = {
+        "friction": [str(entry["name"]) for entry in friction],
+        "eliminated": [name for group, _ in eliminated for name in group.split(", ")],
+    }
+    lines = [head, *(f"{what}: {shorten_names(part)}" for what, part in names.items() if part)]
+    rows = [
+        (entry["name"], _cut_sum(str(entry["form"] or entry["expression"])), entry["unit"], entry["value"])
+        for entry in parameters
+    ]
+    header = ("parameter", "groups", "unit", "value")
+    known = len(header) - all(row[-1] is None for row in rows)
+    return ("\n".join(lines), Table(header[:known], [row[:known] for row in rows], (0, 1, 2)))
+
+
+def _cut_sum(text: str) -> str:
+    """Return the first terms of a long sum, and how many more there are."""
+    signs = [found.start() for found in re.finditer(r" [+-] ", text)]
+    if len(text) <= _CELL or not signs:
+        return text
+    cut = max((place for place in signs if place <= _CELL), default=signs[0])
+    return f"{text[:cut]} ... ({sum(place >= cut for place in signs)} more)"
 
 
 def tabulate_base(robot: Robot, base: "BaseParameters") -> tuple[Block, ...]:

@@ -53,7 +53,6 @@ if TYPE_CHECKING:
     )
     from symid.robot.mjcf_reader import parse_xml_robot as parse_xml_robot, read_xml_robot as read_xml_robot
     from symid.robot.parameter_values import (
-        PRECISIONS as PRECISIONS,
         RobotValues as RobotValues,
         TableColumns as TableColumns,
         ValueRow as ValueRow,

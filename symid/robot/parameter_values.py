@@ -9,7 +9,8 @@ JSON is an object of plain types, SI units, format 1, links in the frames of the
     drives: [{name, gear, rotor_inertia, friction {model, values {}, shape {}, smoothing}}], couplings last
 
 The header has an array for each vector, such as `symid_arm_beta`, for each entry its place in it, such as
-`SYMID_ARM_BETA_ZZR1`, and the model's signature. An unknown value is null in JSON, and 0 with a comment in C.
+`SYMID_ARM_BETA_ZZR1`, and the model's signature. Several in one program have names of their own; a second
+one of the same names does not compile. An unknown value is null in JSON, and 0 with a comment in C.
 
 A published table is a text file with a line of column names, such as parameter,ols,ols_std_percent, and one
 line a parameter, such as Izz1 + 1.0*Ia1,1.247,0.98 -> `PublishedTable`, or one `EstimateError` with all
@@ -24,6 +25,7 @@ Not supported: a decimal comma, a percent sign behind each number, cells of seve
 import csv
 import math
 import re
+import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -36,8 +38,6 @@ from symid.robot.description import Coupling, Joint, Robot
 from symid.robot.inertia import TENSOR, split_body
 from symid.robot.toml_values import read_text_file, sort_notices
 
-PRECISIONS = ("double", "float")
-"""Types of numbers that the generated library may have."""
 N = TypeVar("N")
 
 _NAMES = ("name", "parameter", "base_parameter", "group", "grouping", "expression")
@@ -136,36 +136,33 @@ def build_json_values(
     }
 
 
-def write_c_values(values: RobotValues, *, comments: Sequence[str] = (), precision: str = "double") -> str:
-    """Return the header, with `comments` fit for C at its head; `precision` is one of `PRECISIONS`."""
-    prefix, macro = values.prefix, values.prefix.upper()
-    vectors = [vector for vector in values.vectors if vector.rows]
+def write_c_values(
+    values: RobotValues, *, comments: Sequence[str] = (), precision: str = "double", name: str | None = None
+) -> str:
+    """Return the header, with `comments` fit for C at its head; names begin with `name`, or as the library's.
+
+    `precision` is the type of the numbers.
+    """
+    prefix, library = name or values.prefix, values.prefix.upper()
+    macro, vectors = prefix.upper(), [vector for vector in values.vectors if vector.rows]
     lines = [
-        "/**",
-        f" * @file {prefix}_values.h",
-        f" * @brief Parameters of {values.robot}, SI units, for the library {prefix}.",
-        *(f" * {text}" for text in ("", *comments)),
-        " */",
-        f"#ifndef {macro}_VALUES_H",
-        f"#define {macro}_VALUES_H",
-        "",
-        f"/** The model that these numbers belong to: {prefix}_signature() must be the same. */",
+        f"/** The model that these numbers belong to: {values.prefix}_signature() must be the same. */",
         f'#define {macro}_VALUES_SIGNATURE "{values.signature}"',
     ]
     # Where the library's header was included before, the number of parameters is checked.
     names = {"beta": "BETA", "f": "FRICTION"}
     counts = [(names[vector.name], len(vector.rows)) for vector in vectors if vector.name in names]
     if counts:
-        terms = " && ".join(f"{macro}_{name} == {count}" for name, count in counts)
-        lines += ["", f"#ifdef {macro}_H"]
+        terms = " && ".join(f"{library}_{size} == {count}" for size, count in counts)
+        lines += ["", f"#ifdef {library}_H"]
         lines.append("/* This does not compile where the library has other parameters. */")
         lines += [f"typedef char {prefix}_values_fit[({terms}) ? 1 : -1];", "#endif"]
     for vector in vectors:
         vector_name = _to_identifier(vector.name)
         places = [_to_identifier(row.name) for row in vector.rows]
         lines.append("")
-        for index, name in enumerate(places):
-            place = name if places.count(name) == 1 else f"{name}_{index}"
+        for index, entry in enumerate(places):
+            place = entry if places.count(entry) == 1 else f"{entry}_{index}"
             lines.append(f"#define {macro}_{vector_name.upper()}_{place} {index}")
         lines += ["", f"/** {vector.title}. */"]
         lines.append(f"static const {precision} {prefix}_{vector_name}[{len(vector.rows)}] = {{")
@@ -175,7 +172,21 @@ def write_c_values(values: RobotValues, *, comments: Sequence[str] = (), precisi
         for index, (row, text) in enumerate(zip(vector.rows, texts, strict=True)):
             lines.append(f"    {text:<{width}} /* [{index}] {_describe(row)} */")
         lines.append("};")
-    return "\n".join((*[line.rstrip() for line in lines], "", "#endif", ""))
+    guard, digest = f"{macro}_VALUES_H", f"0x{zlib.crc32(chr(10).join(lines).encode()):08x}"
+    head = [
+        "/**",
+        f" * @file {prefix}_values.h",
+        f" * @brief Parameters of {values.robot}, SI units, for the library {values.prefix}.",
+        *(f" * {text}" for text in ("", *comments)),
+        " */",
+        f"#if defined {guard} && {guard} != {digest}",
+        f'#error "other values are called {prefix} too: export one of them with --name"',
+        "#endif",
+        f"#ifndef {guard}",
+        f"#define {guard} {digest}",
+        "",
+    ]
+    return "\n".join((*[line.rstrip() for line in (*head, *lines)], "", "#endif", ""))
 
 
 def _to_identifier(name: str) -> str:

@@ -24,7 +24,7 @@ from fractions import Fraction
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.errors import Notice
+from symid.errors import Notice, shorten_names
 from symid.joint_models import FrictionValues
 from symid.robot import geometry
 from symid.robot.description import Coupling, Drive, Limits, MimicStep, Spring
@@ -64,12 +64,6 @@ ROTORS = ("motorInertia", "motor_inertia", "rotorInertia", "rotor_inertia", "dra
 
 # How a controller talks to the joint is no mechanics.
 _SILENT = ("hardwareInterface", "role")
-
-
-def list_words(words: Iterable[str], *, most: int = _SHOWN_WORDS) -> str:
-    """Return names as a list in a sentence, shortened."""
-    names = list(words)
-    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -165,7 +159,7 @@ class TreeReading:
         for (code, text), found in self.grouped.items():
             counts = Counter(name for name, _ in found)
             names = (name if count == 1 else f"{name} ({count})" for name, count in counts.items())
-            words = list_words(names, most=_SHOWN_WORDS if code != MJCF_UNUSED else len(counts))
+            words = shorten_names(names, _SHOWN_WORDS if code != MJCF_UNUSED else len(counts))
             if "" in counts:
                 lines = [str(line) for line in dict.fromkeys(place.line for _, place in found)]
                 often = "once" if len(found) == 1 else f"{len(found)} times"

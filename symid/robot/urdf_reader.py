@@ -19,7 +19,7 @@ from dataclasses import replace
 from hashlib import sha256
 from pathlib import Path
 
-from symid.errors import RobotError
+from symid.errors import RobotError, shorten_names
 from symid.robot import description
 from symid.robot.canonical_frames import choose_canonical_frames
 from symid.robot.geometry import (
@@ -36,7 +36,7 @@ from symid.robot.geometry import (
 from symid.robot.inertia import lump_fixed_joints, move_by_placement
 from symid.robot.plausibility import find_implausible
 from symid.robot.toml_values import BASE, sort_notices, suggest_names
-from symid.robot.urdf_parts import TreeJoint, TreeReading, list_words, read_parts
+from symid.robot.urdf_parts import TreeJoint, TreeReading, read_parts
 from symid.robot.urdf_xml import XmlDocument
 
 _REMEDIES = {
@@ -78,7 +78,7 @@ def _read_tree(reading: TreeReading, base: str | None, tip: str | None, *, compl
         root = _locate_root(reading, above) if complete else None
     wrong = [(name, end) for name, end in ((base, "base"), (tip, "tip")) if name and name not in links]
     for name, end in wrong:
-        hint = suggest_names(name, links) or f"the links are {list_words(links, most=12)}"
+        hint = suggest_names(name, links) or f"the links are {shorten_names(links)}"
         reading.refuse("robot.bad-cut", f"there is no link '{name}' for the {end}; {hint}")
     if root is None or wrong:
         return None
@@ -88,7 +88,7 @@ def _read_tree(reading: TreeReading, base: str | None, tip: str | None, *, compl
     reached = {root, *(joint.child for joint in _walk(root, below))}
     lost = [joint for joint in joints.values() if joint.child not in reached]
     if lost and not end:
-        names = list_words(f"'{joint.name}'" for joint in lost)
+        names = shorten_names(f"'{joint.name}'" for joint in lost)
         lost[0].part.refuse("robot.closed-loop", f"not connected to the base: {names} form a ring; {_LOOP}")
         return None
     start = base or root
@@ -120,7 +120,7 @@ def _read_tree(reading: TreeReading, base: str | None, tip: str | None, *, compl
     kept = {start, *(joint.child for joint in chosen)}
     _forget_outside(reading, kept, {joint.name for joint in (*before, *chosen)})
     if cut := [link for link in links.values() if link.name not in kept]:
-        names, mass = list_words((link.name for link in cut), most=12), sum(link.mass for link in cut)
+        names, mass = shorten_names(link.name for link in cut), sum(link.mass for link in cut)
         text = f"outside of the chosen part, and not in the model: the links {names} ({mass:.6g} kg in all)"
         reading.warn("robot.cut-off", text, cut[0].part.element)
     return start, before, chosen
@@ -275,7 +275,9 @@ def assemble_robot(
     couplings = []
     for drive, part, stated in reading.couplings:
         if lost := [f"'{name}'" for name, _ in stated if name not in reached]:
-            text = f"turns with joints that were cut off, {list_words(lost)}: it turns with the others alone"
+            text = (
+                f"turns with joints that were cut off, {shorten_names(lost)}: it turns with the others alone"
+            )
             part.warn("robot.coupling-cut", text)
         terms = tuple((index[name], factor) for name, factor in stated if name in index and factor)
         couplings += [replace(drive, terms=terms)] if terms else []
@@ -306,7 +308,7 @@ def assemble_robot(
     else:
         x, y, z = (_GRAVITY * entry for entry in outer.rotation[2])
         down = (x, y, z)
-        words = list_words(f"{value.to_float():g}" for value in down)
+        words = shorten_names(f"{value.to_float():g}" for value in down)
         where = f"of link {first}{', the joints before it at 0' if before else ''}"
         text = f"a URDF states no gravity; it was taken as ({words}) m/s^2 in the frame {where}"
         reading.warn("robot.assumed-gravity", text)

@@ -13,12 +13,15 @@ from symid.codegen.casadi_functions import build_functions
 from symid.codegen.source_folder import write_sources
 from symid.joint_models import get_law
 from symid.robot.toml_reader import parse_robot, read_robot
+from tests.architecture.source import PROJECT
 from tests.state_laws import ARM, STATES, write_table
+
+PAGE = PROJECT / "docs" / "c_library.md"
 
 
 @pytest.fixture(scope="module")
-def blocks(project):
-    text = (project / "docs" / "c_library.md").read_text(encoding="utf-8")
+def blocks():
+    text = PAGE.read_text(encoding="utf-8")
     found = {}
     for kind, block in re.findall(r"^```(c|cmake|sh)\n(.*?)^```$", text, re.DOTALL | re.MULTILINE):
         name = "bristles" if kind == "c" and "bristles" in block else kind
@@ -101,10 +104,24 @@ def test_by_a_compiler_alone(blocks, folder, functions, c_compiler):
     check_output(folder, functions, "./robot")
 
 
-def test_by_cmake(folder, functions, c_compiler):
+@pytest.mark.parametrize(
+    ("given", "optimised"),
+    [("", ["-O2"]), (" -DCMAKE_C_FLAGS=-O1", ["-O1"]), (" -DCMAKE_BUILD_TYPE=Debug", []), ("page", ["-O3"])],
+)
+def test_by_cmake(folder, functions, c_compiler, given, optimised):
+    """Without a build type the library is optimised; a build type, or a flag of one's own, stays."""
     if shutil.which("cmake") is None:
         pytest.skip("wants cmake: install it to build the program of the page as it says")
-    for arguments in (["-B", "build", f"-DCMAKE_C_COMPILER={c_compiler}"], ["--build", "build", "-j2"]):
-        done = subprocess.run(["cmake", *arguments], cwd=folder, capture_output=True, text=True, check=False)
+    page = PAGE.read_text(encoding="utf-8")
+    line = re.search("cmake -B build -D.* && cmake --build build", page)[0]
+    first, build = (line if given == "page" else f"cmake -B build{given} && cmake --build build").split("&&")
+    shutil.rmtree(folder / "build", ignore_errors=True)
+    for command in (f"{first} -DCMAKE_C_COMPILER={c_compiler}", f"{build} -j2 -- VERBOSE=1"):
+        words = shlex.split(command)
+        done = subprocess.run(words, cwd=folder, capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stdout + done.stderr
+    (compiled,) = (
+        text for text in done.stdout.splitlines() if "-c " in text and "symid_panda_gravity.c" in text
+    )
+    assert re.findall(r" (-O\w)", compiled) == optimised
     check_output(folder, functions, "build/robot")

@@ -204,6 +204,60 @@ def test_the_c_header_drives_the_generated_library(c_compiler, arm, real, close)
     np.testing.assert_allclose(found[2], robot.joints[1].friction.values[1], rtol=close)
 
 
+TOOLS = """#include "symid_ROBOT.h"
+#include "first.h"
+#include "second.h"
+#include "first.h"
+#include <stdio.h>
+
+int main(void)
+{
+    const double state[3][SYMID_UPPER_JOINTS] = {STATE};
+    const double *const beta[] = {FIRST_beta, tool_b_beta}, *const f[] = {FIRST_f, tool_b_f};
+    for (int tool = 0; tool < 2; tool++) {
+        double rigid[SYMID_UPPER_JOINTS], dry[SYMID_UPPER_JOINTS];
+        if (symid_ROBOT_inverse_dynamics(state[0], state[1], state[2], beta[tool], rigid) != 0
+            || symid_ROBOT_friction(state[1], f[tool], dry) != 0) {
+            return 3;
+        }
+        for (int joint = 0; joint < SYMID_UPPER_JOINTS; joint++) {
+            printf("%.17g\\n", rigid[joint] + dry[joint]);
+        }
+    }
+    return 0;
+}
+"""
+
+
+@pytest.mark.parametrize("first", ["tool_a", None])
+@pytest.mark.parametrize("name", ["two_link", "tx40", "emps"])
+def test_two_tools_in_one_program(c_compiler, tmp_path, robots_folder, name, first):
+    """Each tool has the torques of its own robot; other values under the same names are refused."""
+    true = [fill_robot(read_robot(robots_folder / f"{name}.toml"), seed) for seed in (1, 2)]
+    estimates = [store_estimate(robot, tmp_path / f"{k}.json") for k, robot in enumerate(true)]
+    do("generate", name, "--function", "inverse_dynamics", "--function", "friction", "-o", tmp_path / "c")
+    do("export", name, estimates[0], *(("--name", first) if first else ()), "-o", tmp_path / "first.h")
+    do("export", name, estimates[1], "--name", "tool_b", "-o", tmp_path / "second.h")
+    state = draw_states(true[0], 1)[0].round(3)
+    rows = ", ".join("{" + ", ".join(map(str, row)) + "}" for row in state)
+    text = TOOLS.replace("STATE", rows).replace("FIRST", first or f"symid_{name}")
+    text = text.replace("UPPER", name.upper()).replace("ROBOT", name)
+    (tmp_path / "main.c").write_text(text, encoding="utf-8")
+    sources = [str(path) for path in sorted((tmp_path / "c").glob(f"symid_{name}_*.c"))]
+    program, main = str(tmp_path / "program"), str(tmp_path / "main.c")
+    command = [c_compiler, *FLAGS, f"-I{tmp_path / 'c'}", "-o", program, main, *sources, "-lm"]
+    subprocess.run(command, check=True, timeout=120)
+    done = subprocess.run([program], check=True, capture_output=True, text=True, timeout=20)
+    found = np.array(done.stdout.split(), dtype=float).reshape(2, -1)
+    np.testing.assert_allclose(found, [find_truth(robot, state) for robot in true], rtol=1e-9)
+    assert np.abs(found[0] - found[1]).max() > 0.1
+    again = ("--name", first, "--force") if first else ("--force",)
+    do("export", name, estimates[1], *again, "-o", tmp_path / "second.h")
+    refused = subprocess.run(command, check=False, capture_output=True, text=True, timeout=120)
+    assert refused.returncode != 0
+    assert "export one of them with --name" in refused.stderr
+
+
 def test_the_c_header_does_not_fit_another_library(c_compiler, arm, tmp_path):
     _, estimate = arm
     header = tmp_path / "values.h"
@@ -282,6 +336,10 @@ def test_what_cannot_be_exported_is_refused(wrist, tmp_path):
         2,
         "usage.export-precision",
     )
+    named = ("--name", "tool_a")
+    assert fail("export", "two_link", "-o", file, *named) == (2, "usage.export-name")
+    for name in ("2a", "tool-a", "", "wörk"):
+        assert fail("export", "two_link", "-o", tmp_path / "x.h", "--name", name) == (2, "usage.export-name")
     assert fail("export", "two_link", "-o", tmp_path / "x.yaml") == (2, "usage.suffix")
     assert list(tmp_path.iterdir()) == []
 

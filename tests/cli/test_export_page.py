@@ -3,9 +3,11 @@
 import re
 import shlex
 import subprocess
+from pathlib import Path
 
 import pytest
 
+import symid
 from symid.cli.main import run
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_writer import write_robot
@@ -49,7 +51,7 @@ def test_every_format_of_the_table_is_written(page, folder):
 
 
 def test_the_program_runs_with_the_library(page, folder, c_compiler):
-    (program,) = list_blocks(page, "c")
+    program, _ = list_blocks(page, "c")
     code = folder / "code"
     do("generate", "two_link", "-o", code)
     (folder / "main.c").write_text(program, encoding="utf-8")
@@ -59,6 +61,27 @@ def test_the_program_runs_with_the_library(page, folder, c_compiler):
     subprocess.run(command, check=True, timeout=120)
     done = subprocess.run([str(folder / "main")], check=True, capture_output=True, text=True, timeout=20)
     assert re.fullmatch(r"-?[\d.]+ -?[\d.]+, Coulomb friction of the elbow 0\.\d+ N m\n", done.stdout)
+
+
+def test_two_tools_in_one_program(page, folder, c_compiler, monkeypatch):
+    monkeypatch.chdir(folder)
+    run_lines(
+        "symid identify two_link loaded.npz -o gripper.json\nsymid identify two_link log.npz -o camera.json"
+    )
+    run_lines(list_blocks(page, "sh")[-2])
+    (folder / "tools.c").write_text(list_blocks(page, "c")[1], encoding="utf-8")
+    sources = sorted(map(str, Path("two_link_c").glob("symid_two_link_*.c")))
+    flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Itwo_link_c", "-I."]
+    subprocess.run([c_compiler, *flags, "-o", "tools", "tools.c", *sources, "-lm"], check=True, timeout=120)
+    done = subprocess.run(["./tools"], check=True, capture_output=True, text=True, timeout=20)
+    gripper, camera = ([float(number) for number in line.split()] for line in done.stdout.splitlines())
+    state = ([0.5, -1.0], [0.2, 0.1], [1.0, -2.0])
+    for torques, name in ((gripper, "loaded.toml"), (camera, "two_link")):
+        robot = symid.load(name)
+        library, values = robot.compile(), list(robot.base.values.values())
+        expected = library.inverse_dynamics(*state, values[:6]) + library.friction(state[1], values[6:])
+        assert torques == pytest.approx(expected, rel=0.01, abs=0.01)
+    assert abs(gripper[0] - camera[0]) > 0.5
 
 
 def test_the_payload_comes_out(page, folder, capsys, monkeypatch):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import symid
-from symid.cli.call import Answer, answer_call, print_answer
+from symid.cli.call import Answer, Console, answer_call, print_answer
 from symid.errors import Notice
 from tests.calls import ask, call, do, fail, refuse, say
 
@@ -103,14 +103,18 @@ def make_answer(count):
     notices += [Notice(code=f"export.k{k}", text=f"w{k}") for k in range(count - 1)]
     notices.append(Notice(code="log.torque-sign", text="the sign", file="a.csv"))
     error = Notice(code="validate.gate-missed", text="the gate")
-    return Answer(
-        text="verdict: good - Fine.", result={}, warnings=tuple(notices), errors=(error,), exit_code=1
-    )
+    said = ("verdict: good - Fine.",)
+    return Answer(said, said, {}, warnings=tuple(notices), errors=(error,), exit_code=1)
+
+
+def show(count, *, quiet=False, **flags):
+    flags = {"as_json": False, "verbose": False, "whole": False} | flags
+    print_answer(make_answer(count), Console(quiet=quiet), **flags)
 
 
 def test_three_warnings_then_notes_then_errors(capsys, monkeypatch):
     monkeypatch.setenv("NO_COLOR", "1")
-    print_answer(make_answer(5), as_json=False, quiet=False)
+    show(5)
     written = capsys.readouterr()
     assert written.out == "verdict: good - Fine.\n"
     assert written.err.splitlines() == [
@@ -121,10 +125,10 @@ def test_three_warnings_then_notes_then_errors(capsys, monkeypatch):
         "note: a note",
         "error: the gate",
     ]
-    print_answer(make_answer(5), as_json=False, quiet=False, verbose=True)
+    show(5, verbose=True)
     assert len(capsys.readouterr().err.splitlines()) == 7
-    print_answer(make_answer(5), as_json=False, quiet=True)
+    show(5, quiet=True)
     assert capsys.readouterr().err == "error: the gate\n"
-    print_answer(make_answer(5), as_json=True, quiet=False)
+    show(5, as_json=True)
     codes = [entry["code"] for entry in json.loads(capsys.readouterr().out)["warnings"]]
     assert codes == ["log.torque-sign", *(f"export.k{k}" for k in range(4)), "log.converted"]

@@ -296,7 +296,8 @@ def _read_file(path: Path, result: dict[str, object]) -> object:
             head, *rows = csv.reader(line for line in lines if not line.startswith("#"))
             columns = zip(*([float(cell) for cell in row] for row in rows), strict=True)
             return dict(zip(head, map(list, columns), strict=True))
-    return {"lines": path.read_text(encoding="utf-8").splitlines()}
+    # The digest of all values in a C header differs where the last digit of one does.
+    return {"lines": re.sub(r"\b0x[0-9a-f]{8}\b", "DIGEST", path.read_text(encoding="utf-8")).splitlines()}
 
 
 def keep(value: object, name: str = "", folder: Path = Path("HERE")) -> object:

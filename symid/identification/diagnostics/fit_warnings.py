@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
-from symid.errors import Notice
+from symid.errors import Notice, shorten_names
 from symid.identification.estimators import ParameterEstimate, RegressionFit, measure_influence
 from symid.identification.judge import POLICY, adjust_chances, numerics
 from symid.identification.regression import (
@@ -220,7 +220,8 @@ def warn_of_mass_matrix(
 
 def warn_of_poorly_identifiable(parameters: Sequence[ParameterEstimate]) -> tuple[Notice, ...]:
     """Return a notice on parameters whose standard deviation is a large part of them."""
-    poor = ", ".join(entry.name for entry in parameters if entry.relative_std_percent > POLICY.uncertain)
+    wide = (entry.name for entry in parameters if entry.relative_std_percent > POLICY.uncertain)
+    poor = shorten_names(wide)
     told = build_warning("identify.poorly-identifiable", percent=POLICY.uncertain, names=poor)
     return (told,) if poor else ()
 

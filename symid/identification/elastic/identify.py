@@ -19,7 +19,7 @@ import scipy
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
-from symid.errors import IdentifiabilityError, Notice, UsageError
+from symid.errors import IdentifiabilityError, Notice, UsageError, shorten_names
 from symid.identification.diagnostics import build_warning, warn_of_mass_matrix
 from symid.identification.elastic import effects, estimate, methods, regression
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
@@ -151,11 +151,11 @@ def warn_of_fit(
     # Infinite deviations are refused by name.
     unknown = list_unknown_parameters(work, fit)
     if unknown:
-        notices.append(build_warning("elastic.not-identifiable", names=", ".join(unknown)))
+        notices.append(build_warning("elastic.not-identifiable", names=shorten_names(unknown)))
     percents = 100.0 * methods.compute_relative_deviations(work, fit)
     names = np.array([card.name for card in regression.list_parameter_cards(library.card)])
     wide = names[(percents > POLICY.uncertain) & (percents < np.inf)]
-    poor = ", ".join(name for name in wide if name not in unknown)
+    poor = shorten_names(name for name in wide if name not in unknown)
     if poor:
         notices.append(build_warning("elastic.poorly-identifiable", percent=POLICY.uncertain, names=poor))
     poses = [Recording(time=part.time, position=part.q, torque=part.tau) for part in work.problem.signals]

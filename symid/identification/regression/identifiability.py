@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, compute_triangle, freeze
-from symid.errors import IdentifiabilityError, Notice
+from symid.errors import IdentifiabilityError, Notice, shorten_names
 from symid.identification.judge import numerics
 from symid.identification.regression.equations import Rows
 from symid.logs import Recording, Signals
@@ -324,8 +324,7 @@ def analyse_condensed(
     found, identifiable = spectrum.mask_directions(rule), spectrum.mask_identifiable(rule)
     refused = []
     for index in np.flatnonzero(~identifiable):
-        others = [names[k] for k in spectrum.list_partners(int(index), rule)]
-        shown = ", ".join(others[:4]) + (f" and {len(others) - 4} more" if len(others) > 4 else "")
+        shown = shorten_names((names[k] for k in spectrum.list_partners(int(index), rule)), 4)
         reason = f"acts only together with {shown}, in a fixed proportion throughout this log"
         if spectrum.lengths[index] == 0.0:
             reason = "acts on no measured torque of this log"

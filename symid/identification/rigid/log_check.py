@@ -27,7 +27,7 @@ from scipy.interpolate import CubicSpline
 from symid import logs as log_files
 from symid.arrays import FloatArray
 from symid.codegen import Library
-from symid.errors import IdentifiabilityError, LogError, Notice, UsageError
+from symid.errors import IdentifiabilityError, LogError, Notice, UsageError, shorten_names
 from symid.identification import diagnostics, estimators, judge, regression
 from symid.identification.judge import POLICY, Agreement, numerics
 from symid.identification.regression import ThinMotion
@@ -349,10 +349,10 @@ def describe_excitation(found: LogExcitation) -> tuple[Notice, ...]:
         notices.append(("log.not-excited", text))
     faint = found.list_names(NOT_IDENTIFIABLE)
     if faint:
-        listed = ", ".join(faint[:_SHOWN]) + (", ..." if len(faint) > _SHOWN else "")
         text = (
             f"{len(faint)} parameters are not identifiable, with an expected standard deviation above "
-            f"{_POOR:g} % of the value ({listed}). Use faster or longer motions, or leave them out"
+            f"{_POOR:g} % of the value ({shorten_names(faint, _SHOWN)}). "
+            "Use faster or longer motions, or leave them out"
         )
         notices.append(("log.faint-parameters", text))
     if found.condition > _LARGE_CONDITION:

@@ -8,7 +8,7 @@ import pytest
 
 import symid
 from symid.cli.main import run
-from symid.errors import sort_notices
+from symid.errors import merge_notices, sort_notices
 from tests.calls import ask, do, list_codes
 from tests.refusals import raises
 
@@ -33,10 +33,10 @@ def test_a_fit_is_what_identify_prints_and_gives(capsys, fit, logs):
     assert [entry["text"] for entry in answer["warnings"]] == [
         entry.text for entry in sort_notices(fit.notices)
     ]
-    assert run([*map(str, arguments), "-q"]) == 0
+    assert run([*map(str, arguments), "-q", "-v"]) == 0
     assert capsys.readouterr().out == f"{fit.to_text()}\n"
     assert str(fit).startswith(fit.to_text())
-    assert all(f"{entry}" in str(fit) for entry in fit.notices)
+    assert all(f"{entry.text}" in str(fit) for entry in merge_notices(fit.notices, fit.sources))
 
 
 def test_parameters_are_found_by_name(fit, robot):

@@ -117,6 +117,8 @@ def test_options_without_a_meaning_are_refused(robot, fit, log, tmp_path):
         (lambda robot, _: robot.simulate(duration=-1.0), "usage.trajectory"),
         (lambda robot, _: robot.derive_base("power"), "usage.base-form"),
         (lambda robot, _: robot.export("two_link.h", precision="half"), "usage.export-precision"),
+        (lambda robot, _: robot.export("two_link.h", name="tool a"), "usage.export-name"),
+        (lambda robot, _: robot.export("two_link.urdf", name="tool_a"), "usage.export-name"),
         (lambda _, __: ElasticOptions(stops=2.5), "usage.elastic-option"),
         (lambda robot, _: robot.simulate(seed=-1), "usage.range"),
         (lambda robot, _: robot.simulate(noise=[0.1, 0.2]), "usage.range"),

@@ -134,7 +134,7 @@ def test_a_table_of_rows_is_the_robot_that_new_writes_from_it(tmp_path):
 
 def test_the_base_set_is_what_the_command_line_prints(capsys):
     base = symid.load("two_link").base
-    assert run(["base", "two_link", "-q"]) == 0
+    assert run(["base", "two_link", "-v"]) == 0
     assert capsys.readouterr().out == f"{base.to_text()}\n"
     assert run(["base", "two_link", "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["result"] == json.loads(json.dumps(base.to_dict()))

@@ -67,6 +67,9 @@ def test_what_is_the_same_for_all_logs_is_one_notice():
     assert merge_notices(gaps) == tuple(gaps)
     plain = [Notice(code="log.gap", text=f"a gap of {k} samples") for k in (3, 7)]
     assert merge_notices(plain) == tuple(plain)
+    slow = [note(f"joint 'j{k}': {k} of 9 rows are slow", file="a.csv") for k in (1, 2, 3)]
+    (one,) = merge_notices(slow)
+    assert str(one) == "a.csv: joint 'j1': 1 of 9 rows are slow (likewise, with other numbers: 'j2', 'j3')"
     names = [note(f"joint 'joint{k}' was turned", file=log) for k, log in zip((1, 2), LOGS, strict=False)]
     assert merge_notices(names) == tuple(names)
 

@@ -8,6 +8,7 @@ import pytest
 
 from symid.errors import UsageError
 from symid.identification.export import check_format, write_stated
+from symid.options import ExportOptions
 from symid.robot.loading import load_robot
 from symid.robot.mjcf_reader import parse_xml_robot, read_xml_robot
 from symid.robot.urdf_xml import read_urdf_text
@@ -179,9 +180,9 @@ def test_values_go_into_a_urdf_and_not_into_xacro(arm, tmp_path):
     robot = load_robot(str(arm))
     heavy = replace(robot.joints[0], inertial=tuple(2.0 * value for value in robot.joints[0].inertial))
     changed = replace(robot, joints=(heavy, *robot.joints[1:]))
-    assert "export a .urdf" in refuse(check_format, arm, error=UsageError)[0].text
+    assert "export a .urdf" in refuse(check_format, arm, ExportOptions(), error=UsageError)[0].text
     target = tmp_path / "arm.urdf"
-    written = write_stated(changed, target)
+    written = write_stated(changed, target, ExportOptions())
     assert not [notice.code for notice in written.notices if notice.code.startswith("export.source")]
     text = target.read_text()
     assert "xacro:" not in text
