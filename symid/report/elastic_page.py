@@ -20,7 +20,7 @@ from symid.arrays import FloatArray
 from symid.identification.elastic import ElasticEstimate, ElasticTrial, JointTrial, SpringEstimate
 from symid.report import figures, pages
 from symid.report.blocks import Block, Drawing, Table
-from symid.report.fit_text import show_effects, show_laws, show_residual
+from symid.report.fit_text import show_effects, show_laws
 from symid.report.verdict import compute_spring_share, judge_elastic
 
 if TYPE_CHECKING:
@@ -67,23 +67,25 @@ def build_elastic_page(
             *_show_trials(trials),
             *(("== Springs ==",) if springs else ()),
             *(block for entry in springs for block in show_spring(entry)),
-            *("== Parameters ==", pages.tabulate_parameters(kept)),
+            *("== Parameters ==", pages.tabulate_parameters(kept, simulated=estimate.simulated)),
             *pages.draw_certainty(kept),
             *pages.show_refused(estimate.refused),
-            *show_laws(estimate.laws),
             *(("== Drives and sensors ==", show_effects(estimate)) if estimate.effects else ()),
             *(_show_tracking(estimate, tracking) if tracking else ()),
             *(() if trials else ("== Held-out logs ==", pages.UNTESTED)),
         ),
         more=(
+            *show_laws(estimate.laws),
             *("== Methods ==", f"{estimate.reason[:1].upper()}{estimate.reason[1:]}."),
             *_compare_methods(estimate),
             # A result without iterations shows those of another method.
             *_show_convergence(iterated if iterated and len(estimate.history) < 2 else estimate),
             *_show_errors(trials),
             "== Residual of the fit ==",
-            show_residual(estimate.residual, f"Motor torque by motor dynamics and springs, {_IN_FIT}."),
-            show_residual((estimate.energy,), f"Energy over windows, {_IN_FIT}."),
+            pages.tabulate_residual(
+                estimate.residual, f"Motor torque by motor dynamics and springs, {_IN_FIT}."
+            ),
+            pages.tabulate_residual((estimate.energy,), f"Energy over windows, {_IN_FIT}."),
             *("== What each parameter groups ==", pages.tabulate_groupings(kept)),
         ),
         settings={
@@ -112,10 +114,12 @@ def _list_numbers(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
     else:
         dynamics, where = max(entry.relative_percent for entry in estimate.residual), _IN_FIT
         springs = []
-    numbers.append((pages.format_percent(dynamics), f"of a motor's torque unexplained at most, {where}"))
+    numbers.append((pages.format_percent(dynamics), f"of a motor's torque is the residual at most, {where}"))
     if springs and all(share is not None for share in springs):
         worst = max(share for share in springs if share is not None)
-        numbers.append((pages.format_percent(worst), "of a joint's torque left by its spring, at most"))
+        numbers.append(
+            (pages.format_percent(worst), "of a joint's torque is the residual of its spring, at most")
+        )
     if estimate.covariance:
         numbers.append(pages.count_significant(estimate.parameters))
     return numbers
@@ -130,7 +134,7 @@ def _show_trials(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
             yield f"=== {joint.joint} ==="
             yield draw_loops(joint)
             yield draw_loops(joint, opened=True)
-        yield from (show_residual(lines, text) for text, lines in trial.residuals)
+        yield from (pages.tabulate_residual(lines, text) for text, lines in trial.residuals)
 
 
 def _show_errors(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
@@ -143,7 +147,7 @@ def _show_errors(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
             known = [(name, style, y) for name, style, y in curves if y is not None]
             errors = [figures.Line(name, style, joint.time, joint.motor - y) for name, style, y in known]
             caption = f"When does the spring miss? Joint torque of {joint.joint} less that of the spring."
-            yield figures.build_line_figure(caption, ("time (s)", f"difference ({joint.unit})"), errors)
+            yield figures.build_line_figure(caption, (figures.TIME, f"difference ({joint.unit})"), errors)
 
 
 def draw_loops(entry: JointTrial, *, opened: bool = False) -> Drawing:
@@ -421,4 +425,4 @@ def _show_tracking(estimate: ElasticEstimate, runs: "Sequence[TrackingRun]") -> 
         styled = zip(runs, cycle(figures.STYLES), strict=False)
         lines = [figures.Line(run.name, style, run.time, 1e3 * run.error[:, index]) for run, style in styled]
         caption = f"Tracking error of {name} with every feed-forward."
-        yield figures.build_line_figure(caption, ("time (s)", f"tracking error (m{unit})"), lines)
+        yield figures.build_line_figure(caption, (figures.TIME, f"tracking error (m{unit})"), lines)

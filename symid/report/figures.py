@@ -38,6 +38,7 @@ SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 STYLES = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh")
 """Of lines of equal rank: distinguished by colour and by dashes."""
 POINTS = 2000
+TIME = "time (s)"
 _INVISIBLE = 0.15
 """Distance in the unit of the drawing below which nobody sees a corner."""
 _LOGARITHMIC_RATIO = 8.0
@@ -204,7 +205,9 @@ def format_tick(value: float, *, logarithmic: bool = False) -> str:
         factor = value / _raise_ten(power)
         head = "10" if abs(factor - 1.0) < 1e-6 else f"{factor:g}\N{MULTIPLICATION SIGN}10"
         return head + str(power).translate(SUPERSCRIPT)
-    return f"{value:.6g}".replace("-", "\N{MINUS SIGN}") if abs(value) > 1e-300 else "0"
+    number, _, tens = f"{value:.6g}".partition("e")
+    raised = f"\N{MULTIPLICATION SIGN}10{str(int(tens)).translate(SUPERSCRIPT)}" if tens else ""
+    return number.replace("-", "\N{MINUS SIGN}") + raised if abs(value) > 1e-300 else "0"
 
 
 def _format_points(x: FloatArray, y: FloatArray, digits: int = 1) -> str:
@@ -296,10 +299,15 @@ def build_line_figure(
 
     The caption is also for screen readers; `labels` are those of the horizontal and the vertical axis, with
     units. A `logarithmic` vertical axis needs a positive value; a `whole` horizontal axis counts something.
+    Time begins at 0.
     """
     if logarithmic:
         positive = [(line, line.y > 0.0) for line in lines]
         lines = [replace(line, x=line.x[kept], y=line.y[kept]) for line, kept in positive if kept.any()]
+    if labels[0] == TIME:
+        # Logs count from anywhere, such as from 1970.
+        start = min(float(np.min(line.x)) for line in lines)
+        lines = [replace(line, x=line.x - start) for line in lines]
     x = replace(build_axis([line.x for line in lines], 0.03 if whole else 0.0), whole=whole)
     y = build_axis([line.y for line in lines], 0.05, logarithmic=logarithmic)
     frame = PlotArea(x=x, y=y, height=230.0)
@@ -326,10 +334,13 @@ def _build_figure(
 ) -> Drawing:
     """Return a figure with axes and legend; `thin` leaves out points of lines that nobody sees."""
     legend, above = _draw_legend({line.label: line.style for line in lines})
-    frame = replace(frame, height=frame.height + above, top=frame.top + above)
+    # Long numbers stand clear of the label at their left.
+    ticks = (format_tick(tick, logarithmic=frame.y.logarithmic) for tick in frame.y.choose_ticks(5))
+    left = max(frame.left, 34.0 + _DIGIT * max(map(len, ticks), default=0))
+    frame = replace(frame, height=frame.height + above, top=frame.top + above, left=left)
     body, more = _draw_axes(frame, labels), ""
     # A script reads time and values from the points: hundredths of the unit of the drawing, and the axes.
-    live = labels[0] == "time (s)" and not frame.y.logarithmic
+    live = labels[0] == TIME and not frame.y.logarithmic
     if live:
         sides = (frame.left, frame.top, frame.right, frame.bottom)
         ends = (*sides, frame.x.low, frame.x.high, frame.y.low, frame.y.high)
