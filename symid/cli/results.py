@@ -157,18 +157,12 @@ def compare_command(
 @cli.output_option(
     "Page to write.",
     *(
-        cli.OUTPUT(name, text, default="", show_default=False, metavar="TEXT")
-        for name, text in (
-            ("--title", "Title of the page.  [default: robot and subject]"),
-            ("--author", "Author, below the title."),
+        cli.OUTPUT(name, text, default=default, show_default=False, metavar="TEXT")
+        for name, text, default in (
+            ("--title", "Title of the page.  [default: robot and subject]", ""),
+            ("--author", "Author, below the title.", ""),
+            ("--date", "Date, below the title.  [default: today]", partial(strftime, "%Y-%m-%d")),
         )
-    ),
-    cli.OUTPUT(
-        "--date",
-        "Date below the title.  [default: today]",
-        default=partial(strftime, "%Y-%m-%d"),
-        show_default=False,
-        metavar="TEXT",
     ),
     required=True,
 )

@@ -7,7 +7,7 @@ Figures with their data can also be drawn into axes of matplotlib, by methods of
 it is imported.
 
 Supported: trees, prismatic joints, joints that follow another. Not supported: shapes of links; in axes of
-matplotlib skeletons, flow charts and histograms, which have no such data.
+matplotlib skeletons and flow charts, which have no such data.
 """
 
 from collections.abc import Iterator, Mapping, Sequence

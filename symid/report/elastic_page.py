@@ -337,7 +337,7 @@ def _compare_methods(estimate: ElasticEstimate) -> Iterator[Block]:
     trials = estimate.trials
     if len(trials) < 2:
         return
-    truth = [entry.truth for entry in estimate.parameters]
+    truth = [entry.truth if estimate.simulated else None for entry in estimate.parameters]
     measures = {"prediction error (noise = 1)": [trial.error for trial in trials]}
     known = [place for place, true in enumerate(truth) if true]
     if known and all(len(trial.values) == len(truth) for trial in trials):
@@ -345,23 +345,13 @@ def _compare_methods(estimate: ElasticEstimate) -> Iterator[Block]:
         true = np.array([truth[place] for place in known], dtype=np.float64)
         errors = 100.0 * np.max(np.abs(values / true - 1.0), axis=1)
         measures["largest error of a parameter (%)"] = errors.tolist()
-    chosen = [trial.method == estimate.method for trial in trials]
+    picked = next((k for k, trial in enumerate(trials) if trial.method == estimate.method), None)
     names = [f"{trial.method}{' (chosen)' * (trial.method == estimate.method)}" for trial in trials]
     columns = [map(_format_score, scores) for scores in measures.values()]
     yield _PREDICTION
     rows = tuple(zip(names, *columns, (trial.outcome.value for trial in trials), strict=True))
     header, left = ("method", *measures, "outcome"), (0, len(measures) + 1)
-    picked = chosen.index(True) if any(chosen) else None
     yield Table(header, rows, left, "Methods on the same logs. Less is better.", picked=picked)
-    for measure, scores in measures.items():
-        marks = [
-            figures.Mark(name, score, _format_score(score), mine)
-            for name, score, mine in zip(names, scores, chosen, strict=True)
-            if score is not None and math.isfinite(score)
-        ]
-        if len(marks) > 1:
-            text = f"{measure.partition(' (')[0].capitalize()} of every method; less is better."
-            yield figures.build_mark_figure(text, measure, marks)
 
 
 def _format_score(value: float | None) -> str:

@@ -1,4 +1,4 @@
-"""Figures as inline SVG: lines, curves, clouds, areas, histograms, values in rows; flow charts, arms.
+"""Figures as inline SVG: lines, curves, clouds, areas, values in rows; flow charts, arms.
 
 Lines have at most 2000 points: functions of one variable keep every peak, curves that turn back on
 themselves, such as hysteresis loops, keep their corners (Ramer 1972, Douglas and Peucker 1973).
@@ -389,29 +389,6 @@ class FigureData:
     marks: tuple[Mark, ...] = ()
     limit: float | None = None
     logarithmic: bool = False
-
-
-def build_histogram(caption: str, labels: tuple[str, str], values: FloatArray) -> Drawing:
-    """Return how often `values` (N,) occur, with the normal distribution of their mean and deviation."""
-    axis = build_axis([values], 0.0)
-    low, high, bins = axis.low, axis.high, 41
-    counts, edges = np.histogram(values, bins=bins, range=(low, high))
-    x = np.linspace(low, high, 201)
-    mean, deviation = float(np.mean(values)), float(np.std(values))
-    normal = np.zeros_like(x)
-    if deviation > 0.0:
-        scale = len(values) * ((high - low) / bins) / (deviation * math.sqrt(2.0 * math.pi))
-        normal = scale * np.exp(-0.5 * ((x - mean) / deviation) ** 2)
-    largest = max(float(counts.max()), float(normal.max()), 1.0)
-    frame = PlotArea(x=axis, y=Axis(low=0.0, high=1.05 * largest), height=230.0)
-    body = _draw_axes(frame, labels)
-    for count, (left, right) in zip(counts, pairwise(edges), strict=True):
-        start, top = frame.place_x(left), frame.place_y(float(count))
-        size = f'width="{frame.place_x(right) - start:.1f}" height="{frame.place_y(0.0) - top:.1f}"'
-        body.append(f'<rect class="bar" x="{start:.1f}" y="{top:.1f}" {size}/>')
-    points = _format_points(frame.place_x(x), frame.place_y(normal))
-    body.append(f'<polyline class="line predicted" points="{points}"/>')
-    return _wrap_figure(caption, frame.height, body)
 
 
 def build_mark_figure(

@@ -9,7 +9,6 @@ Supported: friction laws of the velocity alone; of others the curve at no load, 
 Not supported of friction: the scatter of single rows as a band.
 """
 
-import math
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -74,8 +73,6 @@ _TRIALS = (
     "Coulomb + viscous + offset. Behind: difference from the best law in standard errors over the parts; of "
     "those that it does not surely surpass, the law with the fewest parameters is chosen."
 )
-_MOST_PARAMETERS = 12
-"""Parameters in the figure of the least certain ones."""
 
 
 def build_identification_page(
@@ -382,7 +379,7 @@ def _show_log(validation: Validation) -> Iterator[Block]:
 
 
 def _show_errors(validation: Validation) -> Iterator[Block]:
-    """Yield the residual of a log: by phases of motion, over time, and its distribution."""
+    """Yield the residual of a log: by phases of motion, and over time."""
     yield f"== Residual of {Path(validation.source).name} =="
     yield from fit_text.show_motion(validation.motion)
     if validation.scoring:
@@ -393,8 +390,6 @@ def _show_errors(validation: Validation) -> Iterator[Block]:
         caption = f"When does it miss? {joint}, measured minus predicted {quantity}."
         line = figures.Line("residual", "residual", series.time, error)
         yield figures.build_line_figure(caption, (figures.TIME, f"residual ({unit})"), (line,))
-        caption = f"Is it noise? Residual of {joint}, and the normal distribution of the same deviation."
-        yield figures.build_histogram(caption, (f"residual ({unit})", "rows"), error)
 
 
 def draw_prediction(series: Series, rows: str, caption: str = "") -> Drawing:
@@ -558,20 +553,13 @@ def judge_fit(estimate: AnyEstimate) -> FitVerdict:
 
 
 def draw_fit(estimate: AnyEstimate) -> tuple[Drawing, ...]:
-    """Return the least certain parameters; of elastic joints the springs, of friction its curves."""
+    """Return how certain the parameters are; of elastic joints the springs, of friction its curves."""
     match estimate:
         case elastic.ElasticEstimate():
             return tuple(draw_branches(entry) for entry in estimate.springs if entry.identifiable)
         case friction.FrictionIdentification():
             return tuple(map(build_friction_figure, estimate.joints))
-    known = [entry for entry in estimate.parameters if 0.0 < entry.relative_std_percent < math.inf]
-    least = sorted(known, key=lambda entry: -entry.relative_std_percent)[:_MOST_PARAMETERS]
-    marks = [
-        figures.Mark(entry.name, entry.relative_std_percent, pages.format_percent(entry.relative_std_percent))
-        for entry in least
-    ]
-    caption = f"{estimate.robot}: least certain parameters, standard deviation in percent of the value."
-    return (figures.build_mark_figure(caption, "relative standard deviation (%)", marks),) if marks else ()
+    return pages.draw_certainty(estimate.parameters)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

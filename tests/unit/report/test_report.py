@@ -11,7 +11,7 @@ from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.validation import validate_estimate
 from symid.report import pages
 from symid.report.blocks import split_sections
-from symid.report.figures import TIME, Line, build_histogram, build_line_figure, thin_line
+from symid.report.figures import TIME, Line, build_line_figure, thin_line
 from symid.report.identification_page import build_identification_page
 from symid.report.verdict import judge_identification
 from symid.robot.description import Processing
@@ -50,7 +50,7 @@ def test_the_page_needs_nothing_else(tmp_path, result):
     assert sorted(reader.links) == sorted(f"#{anchor}" for anchor in reader.anchors)
     assert len(set(reader.anchors)) == len(reader.anchors)
     assert reader.tags.count("script") == 1
-    assert reader.tags.count("svg") == 7
+    assert reader.tags.count("svg") == 5
     assert [entry.name for entry in tmp_path.iterdir()] == ["report.html"]
 
 
@@ -171,13 +171,6 @@ def test_thinning_keeps_peaks():
     assert {54_321, 12_345} <= set(thin_x)
     assert np.all(np.diff(thin_x) > 0)
     np.testing.assert_array_equal(thin_y, y[thin_x.astype(int)])
-
-
-@pytest.mark.parametrize("values", [np.zeros(5), np.array([1e9]), np.linspace(-1, 1, 1000)])
-def test_histograms_take_constants_and_ramps(values):
-    svg = build_histogram("t", ("x", "y"), values).svg
-    assert svg.count("<rect") == 41
-    assert "nan" not in svg
 
 
 def test_rows_of_another_kind_are_not_good(result):
