@@ -157,7 +157,13 @@ class PagedResult(Result):
         """Return the page."""
 
     def report(self, path: str | PathLike[str], *, title: str = "", author: str = "", date: str = "") -> Path:
-        """Write a self-contained HTML page to `path`, with what stands at its head, and return the path.
+        """Write a self-contained HTML page to `path`, and return the path.
+
+        Args:
+            path: of the page.
+            title: of the page, in place of robot and subject.
+            author: below the title.
+            date: beside the author.
 
         Raises:
             OutputError: the page cannot be written.
