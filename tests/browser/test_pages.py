@@ -168,7 +168,7 @@ def test_the_hint_on_cursors_is_given_once(browser, get_page, name):
 
 
 def test_residual_and_loop_stand_below_one_another(browser, folder):
-    """Measured and predicted can be told apart: one is wider than the other, and their difference is drawn."""
+    """Measured and predicted can be told apart: one is wider, and their difference is drawn."""
     for width in (1280, 400):
         browser.size(width, 900)
         browser.open(folder / "hysteresis.html")
