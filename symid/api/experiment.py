@@ -77,8 +77,8 @@ class ExcitedTrajectory(RecordResult, DrawnResult, PagedResult, excitation.Optim
         """Return the number of samples that `save` writes with this `rate` in Hz and these `periods`."""
         return round(self.trajectory.duration * rate) * periods + 1
 
-    def _write_page(self, file: Path) -> Path:
-        return report.result_pages.write_excitation_page(file, self.robot, self)
+    def _build_page(self) -> "report.Page":
+        return report.result_pages.build_excitation_page(self.robot, self)
 
     def _draw(self) -> "tuple[report.Drawing, ...]":
         """Return positions and velocities over time, and the used part of each limit."""

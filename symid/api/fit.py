@@ -9,6 +9,7 @@ Estimates, of now or from a file -> `RigidFit`, `ElasticFit`, `FrictionFit`, all
 
 from abc import abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import nullcontext, suppress
 from copy import deepcopy
 from dataclasses import field, replace
 from functools import cached_property
@@ -25,7 +26,7 @@ from symid.api.result import DrawnResult, JudgedResult, SavedResult
 from symid.api.robot_files import ExportedFile, export_fit
 from symid.api.validation import Comparison, DeviationUnit, FitDiagnosis, FitPage, LogValidation, compare_fit
 from symid.arrays import FloatArray, freeze
-from symid.errors import Notice, UsageError
+from symid.errors import Notice, RobotError, UsageError
 from symid.identification import elastic, estimators, friction
 from symid.options import ExportOptions, Precision
 from symid.serialization import describe_record
@@ -298,6 +299,9 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         test: Parts | None = None,
         settings: Settings | None = None,
         diagnose: bool = False,
+        title: str = "",
+        author: str = "",
+        date: str = "",
     ) -> FitPage:
         """Write a self-contained HTML page: verdict, parameters, torques, figures.
 
@@ -308,6 +312,9 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             settings: for these logs, as for `validate`.
             diagnose: read the logs of the fit again for a diagnosis: correlations, bootstrap, drift,
                 structure.
+            title: of the page.
+            author: below it.
+            date: beside the author.
 
         Raises:
             UsageError: this kind of fit has no validation or diagnosis.
@@ -316,7 +323,10 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         """
         pairs = list_pairs(settings)
         logs = list_logs(validation, pairs)
-        known = (self.robot.description, self.robot.context) if logs or diagnose else None
+        known = None
+        with nullcontext() if logs or diagnose else suppress(UsageError, RobotError):
+            # A page of the stored fit alone draws the robot, where it is there.
+            known = (self.robot.description, self.robot.context)
         page = report.write_fit_page(
             Path(fspath(path)),
             self.product,
@@ -326,6 +336,7 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             test=self._list_test_parts(test),
             diagnose=diagnose,
             file=self._name_file(),
+            heading={"title": title, "author": author, "date": date},
         )
         return FitPage(page=page)
 

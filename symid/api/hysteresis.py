@@ -248,8 +248,8 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
         """Return figures: loops, time, residuals, energy of cycles, branches; in axes `ax` of matplotlib."""
         return Figures(drawings=report.result_pages.draw_element(self.record)).draw(ax)
 
-    def _write_page(self, file: Path) -> Path:
-        return report.result_pages.write_element_page(file, self.record, source=self.source)
+    def _build_page(self) -> "report.Page":
+        return report.result_pages.build_element_page(self.record, source=self.source)
 
     def write(
         self,

@@ -53,8 +53,8 @@ class Stiffness(PagedResult, SavedResult):
     def _save(self, file: Path) -> Path:
         return identification.write_result("stiffness", self.estimate, file, {**self.to_dict(), "file": file})
 
-    def _write_page(self, file: Path) -> Path:
-        return report.result_pages.write_stiffness_page(file, self.estimate, self.notices)
+    def _build_page(self) -> "report.Page":
+        return report.result_pages.build_stiffness_page(self.estimate, self.notices)
 
     def summarise(self) -> str:
         """Return the joints with a stiffness."""
@@ -167,8 +167,8 @@ class PayloadResult(PagedResult, SavedResult):
         """Return warnings: quantities that are not identifiable, other changes between both sides."""
         return tuple(dict.fromkeys((*self.product.notices, *report.robot_text.warn_payload(self.payload))))
 
-    def _write_page(self, file: Path) -> Path:
-        return report.result_pages.write_payload_page(file, self.product.robot, self.payload, self.notices)
+    def _build_page(self) -> "report.Page":
+        return report.result_pages.build_payload_page(self.product.robot, self.payload, self.notices)
 
     def summarise(self) -> str:
         """Return the mass and the link."""

@@ -490,8 +490,8 @@ class RobotCheck(DrawnResult, PagedResult):
         """Return why the logs do not suffice for a model of the robot."""
         return self.product.errors
 
-    def _write_page(self, file: Path) -> Path:
-        return report.result_pages.write_check_page(file, self.robot, self.product)
+    def _build_page(self) -> "report.Page":
+        return report.result_pages.build_check_page(self.robot, self.product)
 
     def _draw(self) -> "tuple[report.Drawing, ...]":
         """Return positions and torques of every log, with what was found marked; else the robot."""

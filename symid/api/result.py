@@ -9,7 +9,7 @@ in a notebook           tables, texts and figures; `Figures` are also written as
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from os import PathLike, fspath
 from pathlib import Path
 from typing import Any, ClassVar, Self, dataclass_transform, final
@@ -157,16 +157,23 @@ class PagedResult(Result):
     """A result that can be written as a page."""
 
     @abstractmethod
-    def _write_page(self, file: Path) -> Path:
-        """Write the page and return its path."""
+    def _build_page(self) -> "report.Page":
+        """Return the page."""
 
-    def report(self, path: str | PathLike[str]) -> Path:
+    def report(self, path: str | PathLike[str], *, title: str = "", author: str = "", date: str = "") -> Path:
         """Write a self-contained HTML page to `path`, and return the path.
+
+        Args:
+            path: of the page.
+            title: of the page, in place of robot and subject.
+            author: below the title.
+            date: beside the author.
 
         Raises:
             OutputError: the page cannot be written.
         """
-        return self._write_page(Path(fspath(path)))
+        page = replace(self._build_page(), title=title, author=author, date=date)
+        return report.write_page(Path(fspath(path)), page)
 
 
 class SavedResult(Result):

@@ -615,7 +615,7 @@ def load_fit(
 ) -> Fit:
     """Return the fit of any kind that `Fit.save` or `symid identify -o` wrote to `path`.
 
-    By default its `robot` is loaded on use by the name stored in the file, of which `progress` is told.
+    By default its `robot` is loaded on use by the name or file stored in it, of which `progress` is told.
 
     Raises:
         EstimateError: the file does not exist, or is not a fit.
@@ -631,7 +631,10 @@ def load_fit(
     estimate = identification.read_fit(file)
     kinds: dict[type, type[Fit]] = {friction_fits.FrictionIdentification: FrictionFit}
     kinds[elastic.ElasticEstimate] = ElasticFit
-    model = robot or partial(load, estimate.robot, progress=progress)
+    # The robot file as it was named, or moved along with the fit.
+    own, near = Path(estimate.file), file.parent / Path(estimate.file).name
+    name = (near if near.is_file() and not own.exists() else own) if estimate.file else estimate.robot
+    model = robot or partial(load, name, progress=progress)
     kind = kinds.get(type(estimate), RigidFit)
     return kind(estimate=estimate, file=file, model=model, remarks=estimate.notices)
 

@@ -264,8 +264,8 @@ class Comparison(PagedResult):
         """Return the reasons if the gate is missed."""
         return tuple(x for one in self.found for x in identification.check_comparison_gate(one, self.gate))
 
-    def _write_page(self, file: Path) -> Path:
-        return report.result_pages.write_comparison_page(file, self.ours, self.found, self.notices)
+    def _build_page(self) -> "report.Page":
+        return report.result_pages.build_comparison_page(self.ours, self.found, self.notices)
 
     def summarise(self) -> str:
         """Return the number of groups within two standard deviations."""

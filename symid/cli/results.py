@@ -1,7 +1,10 @@
 """The verbs on an estimate: `symid validate`, `symid compare`, `symid report`, `symid export`."""
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from time import strftime
+from typing import Any
 
 import click
 
@@ -149,9 +152,20 @@ def compare_command(
     "which term the residual misses.",
     is_flag=True,
 )
-@cli.robot_option("Robot of the logs.  [default: the name in ESTIMATE]")
+@cli.robot_option("Robot of the logs.  [default: the name or file in ESTIMATE]")
 @cli.settings_options
-@cli.output_option("Page to write.", required=True)
+@cli.output_option(
+    "Page to write.",
+    *(
+        cli.OUTPUT(name, text, default=default, show_default=False, metavar="TEXT")
+        for name, text, default in (
+            ("--title", "Title of the page.  [default: robot and subject]", ""),
+            ("--author", "Author, below the title.", ""),
+            ("--date", "Date, below the title.  [default: today]", partial(strftime, "%Y-%m-%d")),
+        )
+    ),
+    required=True,
+)
 @cli.open_option
 @cli.accept_option
 def report_command(
@@ -165,6 +179,7 @@ def report_command(
     settings: dict[str, str],
     output: Path,
     force: bool,
+    **heading: str,
 ) -> Answer:
     """Write one self-contained HTML page: verdict, parameters, measured and predicted torques.
 
@@ -174,7 +189,7 @@ def report_command(
     """
     # A diagnosis reads the logs of the fit as the fit did.
     named, single = "settings" in settings, settings.keys() - {"settings"}
-    asked = {"--robot": robot and not diagnose, "--settings": named, "--set": single, "--test": test}
+    asked = {"--settings": named, "--set": single, "--test": test}
     given = [name for name, value in asked.items() if value]
     if given and not logs:
         text = (
@@ -189,13 +204,14 @@ def report_command(
         if given:
             text = f"{', '.join(given)} needs an estimate of dynamics or friction; leave it out"
             raise UsageError(Notice(code="usage.no-validation", text=text, file=str(estimate)))
-        written = cli.add_page(make_answer(other), other, output)
+        written = cli.add_page(make_answer(other), other, output, **heading)
         said = (f"report: {show_path(output)}",)
         return replace(written, blocks=said, brief=said).write(file=output)
     fit = symid.load_fit(estimate, None if robot is None else robot.load(console), progress=console.progress)
     if logs or diagnose:
         cli.check_output(output, force=True, inputs=(fit.robot.path,))
-    page = fit.report(output, validation=logs, test=test or None, settings=settings, diagnose=diagnose)
+    given_logs: dict[str, Any] = {"validation": logs, "test": test or None, "settings": settings}
+    page = fit.report(output, diagnose=diagnose, **given_logs, **heading)
     return make_answer(page)
 
 

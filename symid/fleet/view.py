@@ -43,7 +43,7 @@ from symid.environment import describe_duration, read_file, write_file
 from symid.errors import InputError, Notice, OutputError, UsageError
 from symid.fleet.jobs import FleetJob, compute_key, digest_robot, read_study
 from symid.fleet.running import Ended, FleetLimits, FleetRow, Task, run_dask, run_job, run_processes
-from symid.report import Block, Drawing, FitVerdict, Line, Page, Table, build_line_figure, write_page
+from symid.report import Block, Drawing, FitVerdict, Line, Page, Table, build_line_figure
 from symid.serialization import read_record, write_json
 
 Progress = Callable[[str], None]
@@ -370,15 +370,15 @@ class Fleet(PagedResult):
             if not row.values:
                 yield head
 
-    def _write_page(self, file: Path) -> Path:
-        """Write all that is printed, and figures."""
+    def _build_page(self) -> Page:
+        """Return the page of all that is printed, and figures."""
         found, lost = self.changes(), len(self.rows) - self.counts.get("done", 0)
         robots = len({row.job.name for row in self.rows})
         changed = len({entry.name for entry in found})
         level = "wrong" if lost == len(self.rows) else "doubtful" if lost or found else "good"
         headline = f"{changed} of {robots} robots changed; {lost} of {len(self.rows)} jobs have no fit."
         counts = {"jobs": len(self.rows), "without a fit": lost, "robots changed": changed}
-        page = Page(
+        return Page(
             robot=self.folder.name,
             subject=f"fleet of {robots} robots",
             verdict=FitVerdict(level=level, headline=headline, details=(_LEVELS,)),
@@ -387,7 +387,6 @@ class Fleet(PagedResult):
             more=("== Jobs ==", self.summarise(), *self._show_reasons(), *self._show_scatter()),
             settings=(("level", f"{self.level:g}"), ("control", self.control)),
         )
-        return write_page(file, page)
 
     def figures(self) -> tuple[Drawing, ...]:
         """Return the surest changes over the nights."""

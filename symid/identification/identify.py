@@ -29,7 +29,7 @@ from symid.identification.estimators import Estimate, FitRecord, FittedLaw
 from symid.identification.mounting import refuse_mounting, search_mounting
 from symid.identification.options import IdentifyOptions, LawOptions
 from symid.identification.stored import read_rigid
-from symid.robot import Robot, describe_settings
+from symid.robot import Robot, describe_settings, name_for_commands
 
 Fit_co = TypeVar("Fit_co", bound=FitRecord, covariant=True)
 Recordings = Sequence[log_files.Recording]
@@ -186,7 +186,7 @@ def _identify_rigid(
         # Loads that friction reads, and that were not measured, follow from the estimate.
         estimate = friction_search.identify_loaded(library, recordings, rigid.processing, fit)
     motion = regression.outline_motion(library, recordings, rigid.processing)
-    estimate = replace(estimate, motion=motion, drawn=robot.made_from is not None)
+    estimate = replace(estimate, motion=motion, **_describe_origin(robot, recordings))
     if motor_side:
         estimate = elastics.refuse_elasticity(estimate, robot, both=both)
         notes = (note for entry in recordings for note in entry.notices)
@@ -199,6 +199,13 @@ def _identify_rigid(
         warnings += (Notice(code="identify.second-encoder", text=text),)
     notices = (*warnings, *library.notices, *estimate.notices, *_compare_with_file(library, rigid, estimate))
     return Identification(estimate=estimate, notices=notices, backend=library.backend)
+
+
+def _describe_origin(robot: Robot, recordings: Recordings) -> dict[str, Any]:
+    """Return the fields of a record that say whether values of the robot file are true, and which file."""
+    simulated = all(entry.simulated == robot.values_signature for entry in recordings)
+    name = name_for_commands(robot)
+    return {"simulated": simulated, "file": "" if name == robot.name else name}
 
 
 def _compare_with_file(
@@ -254,7 +261,10 @@ def prepare_elastic_methods(
         context.progress(f"identifying {robot.name} from {ready.counted} by the method {name!r}")
         found = by_method(method)
         estimate = replace(found, notices=(*found.notices, *elastics.warn_of_rotors(found.parameters)))
-        estimate = replace(estimate, drawn=robot.made_from is not None)
+        estimate = replace(estimate, **_describe_origin(robot, recordings))
+        if not estimate.simulated:
+            springs = tuple(replace(spring, truth=None) for spring in estimate.springs)
+            estimate = replace(estimate, springs=springs)
         return Identification(
             estimate=estimate,
             notices=(*ready.notices, *estimate.notices, *_compare_with_file(ready.library, robot, estimate)),
@@ -393,5 +403,6 @@ def identify_robot_friction(
         "includes the losses of springs"
     )
     springs = () if described is robot else (Notice(code="friction.elastic", text=text),)
+    found = replace(found, **_describe_origin(robot, recordings))
     notices = (*_list_log_notices(robot, recordings), *springs, *library.notices, *found.notices, *unused)
     return Identification(estimate=found, notices=notices, backend=library.backend)

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
         advance_element as advance_element,
         build_branch_step as build_branch_step,
         describe_inverse as describe_inverse,
+        describe_value as describe_value,
         find_least_slope as find_least_slope,
         find_most_slope as find_most_slope,
         has_closed_inverse as has_closed_inverse,

@@ -85,31 +85,56 @@ def list_element_values(elasticity: elements.Elasticity) -> dict[str, float]:
     return named
 
 
-_POWERS = {
-    "k": (-1, 1, 0),
-    "kc": (-3, 1, 0),
-    "D": (-1, 1, 1),
-    "fall_low": (-1, 0, 1),
-    "fall_high": (-1, 0, 1),
-    "sigma": (-1, 1, 0),
-    "sigma1": (-1, 1, 1),
-    "stiffness": (-1, 1, 0),
-    "Fv": (-1, 1, 1),
-    "speed": (1, 0, -1),
-    "vs": (1, 0, -1),
-    "attraction": (0, 0, -1),
-    "time": (0, 0, 1),
-    **dict.fromkeys(("backlash", "r", "e", "low", "step", "length"), (1, 0, 0)),
-    **dict.fromkeys(("offset", "R", "f", "d", "c", "level", "Fc", "Fe"), (0, 1, 0)),
+_VALUES = {
+    "k": ((-1, 1, 0), "stiffness"),
+    "kc": ((-3, 1, 0), "cubic stiffness"),
+    "D": ((-1, 1, 1), "damping"),
+    "fall_low": ((-1, 0, 1), "fall of the lower slip force with the speed"),
+    "fall_high": ((-1, 0, 1), "fall of the upper slip force with the speed"),
+    "sigma": ((-1, 1, 0), "stiffness before sliding"),
+    "sigma1": ((-1, 1, 1), "damping before sliding"),
+    "stiffness": ((-1, 1, 0), "stiffness"),
+    "Fv": ((-1, 1, 1), "viscous friction"),
+    "speed": ((1, 0, -1), "Stribeck speed"),
+    "vs": ((1, 0, -1), "Stribeck speed"),
+    "attraction": ((0, 0, -1), "rate at which slip approaches its level"),
+    "time": ((0, 0, 1), "relaxation time"),
+    "backlash": ((1, 0, 0), "backlash"),
+    "r": ((1, 0, 0), "threshold of a stop"),
+    "e": ((1, 0, 0), "deflection at a corner of the curve"),
+    "low": ((1, 0, 0), "first input of the grid"),
+    "step": ((1, 0, 0), "step of the grid"),
+    "length": ((1, 0, 0), "input over which the force builds up"),
+    "offset": ((0, 1, 0), "offset"),
+    "R": ((0, 1, 0), "output at a knee"),
+    "f": ((0, 1, 0), "output at a corner of the curve"),
+    "d": ((0, 1, 0), "ramp without memory"),
+    "c": ((0, 1, 0), "weight of a relay"),
+    "level": ((0, 1, 0), "output at which it yields"),
+    "Fc": ((0, 1, 0), "Coulomb friction"),
+    "Fe": ((0, 1, 0), "static friction beyond Coulomb's"),
+    "s": ((0, 0, 0), "change of slope at a knee"),
+    "sharpness": ((0, 0, 0), "exponent of the transition"),
+    "loop": ((0, 0, 0), "fullness of the loop"),
+    "skew": ((0, 0, 0), "asymmetry while loading"),
+    "lean": ((0, 0, 0), "asymmetry while unloading"),
+    "excess": ((0, 0, 0), "excess of the level at standstill"),
+    "share": ((0, 0, 0), "share of the level"),
+    "gamma": ((0, 0, 0), "exponent of the Stribeck curve"),
 }
-"""Powers of the units of the input, the output and of s, of values by the beginning of their name."""
+"""Powers of the units of the input, the output and s, and meaning, by the beginning of a name."""
+
+
+def describe_value(name: str) -> tuple[tuple[int, int, int], str]:
+    """Return the powers of the units of a value of `list_element_values`, and what it is in words."""
+    stems = (name, name.rstrip("0123456789_"))
+    known = [key for stem in stems for key in _VALUES if stem == key or stem.endswith(f"_{key}")]
+    return _VALUES[max(known, key=len)] if known else ((0, 0, 0), "")
 
 
 def write_value_unit(name: str, units: tuple[str, str]) -> str:
     """Return the unit of a value of `list_element_values`, from those of input and output; empty for none."""
-    stems = (name, name.rstrip("0123456789_"))
-    known = [key for stem in stems for key in _POWERS if stem == key or stem.endswith(f"_{key}")]
-    powers = _POWERS[max(known, key=len)] if known else (0, 0, 0)
+    powers, _ = describe_value(name)
     ordered = list(zip((powers[1], powers[0], powers[2]), (units[1], units[0], "s"), strict=True))
     above, below = (
         " ".join(

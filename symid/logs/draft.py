@@ -80,15 +80,15 @@ def draft_log_map(
     table = list_quantities(found.table)
     read = {name: table[name] for name in found.units}
     remarks = [*raw.notices, *(replace(entry, line=raw.line) for entry in findings.remarks)]
-    used = {name for entry in read.values() for name in entry.columns}
-    unused = tuple(name for name in (*raw.columns, *raw.others) if name not in used)
+    robot = replace(robot, log=found.short)
+    recording = repair_recording(read_recording(log, robot, uneven=True, raw=raw), robot.axes)
+    # Channels with names of their own, such as velocities dq, are read without an entry in the map.
+    unused = (*recording.extras, *raw.others)
     if unused:
         # The heading of a column that nobody filled in is empty.
         names = ", ".join(name or "''" for name in unused)
         text = f"columns that are not used: {names}; --columns QUANTITY=NAME,... names others"
         remarks.append(Notice(code="new.unused-columns", text=text, file=str(log)))
-    robot = replace(robot, log=found.short)
-    recording = repair_recording(read_recording(log, robot, uneven=True, raw=raw), robot.axes)
     texts = {}
     plain = [joint.name for joint in robot.axes if joint.friction.law == NO_FRICTION]
     if plain:

@@ -126,6 +126,8 @@ def build_file_error(path: Path, text: str, code: str = "log.format") -> LogErro
 
 
 UNITS_ARRAY = "units"
+SIMULATED = "simulated"
+"""Column of a simulated log, whose unit is the signature of the values it was made from."""
 """Name of the array that states units."""
 
 _NPY_MAGIC = b"\x93NUMPY"
@@ -498,6 +500,9 @@ def write_recording(recording: Recording, path: Path, robot: Robot) -> Path:
             units |= {f"{name}{number}": unit for number, unit in enumerate(own, 1)}
         else:
             columns[name], units[name] = values, own[0] if len(set(own)) == 1 else "SI"
+    if recording.simulated:
+        # A column, so that every reader of tables gets along with it.
+        columns[SIMULATED], units[SIMULATED] = np.ones(len(recording.time)), recording.simulated
     return write_raw_log(RawLog(columns=columns, units=units), path)
 
 

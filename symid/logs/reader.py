@@ -36,6 +36,7 @@ from symid.logs.columns import (
 )
 from symid.logs.files import (
     DEFAULT_NAMES,
+    SIMULATED,
     RawLog,
     build_file_error,
     read_hdf5,
@@ -455,7 +456,7 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
         _check_time(time, robot.processing, findings)
     if findings.mistakes or time is None or values["position"] is None or values["torque"] is None:
         raise LogError(*findings.mistakes)
-    known = {*used, *(name for names in columns.values() for name in names)}
+    known = {*used, SIMULATED, *(name for names in columns.values() for name in names)}
     unused = tuple(name for name in raw.columns if name not in known)
     left_out = ", ".join((*unused, *raw.others))
     parts = [f"columns that were not used: {left_out}"] if left_out else []
@@ -477,6 +478,7 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
         notices=tuple(findings.remarks),
         extras={name: raw.columns[name] for name in unused},
         transmission=None if matrix is None else np.array(matrix),
+        simulated=raw.units.get(SIMULATED, ""),
     )
 
 

@@ -100,6 +100,7 @@ class Recording:
         whole: the log from which it was cut, None where it is the whole log.
         transmission: (n, n) angles of the motors over those of the joints, where torques were logged at
             motors that move more than one joint.
+        simulated: signature of the values of the robot it was simulated from, empty for others.
     """
 
     time: FloatArray
@@ -121,6 +122,7 @@ class Recording:
     run: RunSettings | None = None
     whole: LogExtent | None = None
     transmission: FloatArray | None = None
+    simulated: str = ""
 
     def __post_init__(self) -> None:
         """Copy the arrays and make them read-only."""

@@ -7,10 +7,10 @@ Figures with their data can also be drawn into axes of matplotlib, by methods of
 it is imported.
 
 Supported: trees, prismatic joints, joints that follow another. Not supported: shapes of links; in axes of
-matplotlib skeletons, flow charts and histograms, which have no such data.
+matplotlib skeletons and flow charts, which have no such data.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from itertools import combinations
 from math import inf
@@ -76,17 +76,18 @@ def _list_symbols(placement: Placement) -> set[str]:
     return {name for entry in placement.translation for name, _ in entry.terms if name}
 
 
-def draw_robot(robot: Robot, pose: Sequence[float] | None = None) -> Drawing:
+def draw_robot(robot: Robot, pose: Sequence[float] | Mapping[str, float] | None = None) -> Drawing:
     """Return the robot as a skeleton with the frames of its links.
 
-    `pose` are coordinates of the joints that follow no other, rad or m; zero where the limits allow it.
+    `pose` are coordinates of the joints that follow no other, rad or m, or those of some joints by name; else
+    zero where the limits allow it.
 
     Raises:
         UsageError: there are more or fewer coordinates than the robot has.
     """
-    if pose is None:
-        ranges = [joint.limits.position or (-inf, inf) for joint in robot.axes]
-        pose = [min(max(0.0, low), high) for low, high in ranges]
+    if pose is None or isinstance(pose, Mapping):
+        ranges = [(joint.name, *(joint.limits.position or (-inf, inf))) for joint in robot.axes]
+        pose = [min(max((pose or {}).get(name, 0.0), low), high) for name, low, high in ranges]
     if len(pose) != robot.freedom:
         text = f"pose: {len(pose)} coordinates for {robot.freedom} joints; give one for each"
         raise UsageError(Notice(code="usage.pose", text=text))
@@ -161,7 +162,7 @@ def _draw_channels(
             if sum(len(x) for x, _ in spots):
                 x, y = (np.concatenate(part) for part in zip(*spots, strict=True))
                 lines.append(figures.Line("found by the check", "found", x, y, joined=False))
-            yield figures.build_line_figure(caption, ("time (s)", f"{name} ({unit})"), lines)
+            yield figures.build_line_figure(caption, (figures.TIME, f"{name} ({unit})"), lines)
 
 
 def draw_motion(motion: "ReferenceMotion", robot: Robot) -> tuple[Drawing, ...]:

@@ -20,7 +20,7 @@ from symid.arrays import FloatArray
 from symid.identification.elastic import ElasticEstimate, ElasticTrial, JointTrial, SpringEstimate
 from symid.report import figures, pages
 from symid.report.blocks import Block, Drawing, Table
-from symid.report.fit_text import show_effects, show_laws, show_residual
+from symid.report.fit_text import show_effects, show_laws
 from symid.report.verdict import compute_spring_share, judge_elastic
 
 if TYPE_CHECKING:
@@ -67,23 +67,25 @@ def build_elastic_page(
             *_show_trials(trials),
             *(("== Springs ==",) if springs else ()),
             *(block for entry in springs for block in show_spring(entry)),
-            *("== Parameters ==", pages.tabulate_parameters(kept)),
+            *("== Parameters ==", pages.tabulate_parameters(kept, simulated=estimate.simulated)),
             *pages.draw_certainty(kept),
             *pages.show_refused(estimate.refused),
-            *show_laws(estimate.laws),
             *(("== Drives and sensors ==", show_effects(estimate)) if estimate.effects else ()),
             *(_show_tracking(estimate, tracking) if tracking else ()),
             *(() if trials else ("== Held-out logs ==", pages.UNTESTED)),
         ),
         more=(
+            *show_laws(estimate.laws),
             *("== Methods ==", f"{estimate.reason[:1].upper()}{estimate.reason[1:]}."),
             *_compare_methods(estimate),
             # A result without iterations shows those of another method.
             *_show_convergence(iterated if iterated and len(estimate.history) < 2 else estimate),
             *_show_errors(trials),
             "== Residual of the fit ==",
-            show_residual(estimate.residual, f"Motor torque by motor dynamics and springs, {_IN_FIT}."),
-            show_residual((estimate.energy,), f"Energy over windows, {_IN_FIT}."),
+            pages.tabulate_residual(
+                estimate.residual, f"Motor torque by motor dynamics and springs, {_IN_FIT}."
+            ),
+            pages.tabulate_residual((estimate.energy,), f"Energy over windows, {_IN_FIT}."),
             *("== What each parameter groups ==", pages.tabulate_groupings(kept)),
         ),
         settings={
@@ -130,7 +132,7 @@ def _show_trials(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
             yield f"=== {joint.joint} ==="
             yield draw_loops(joint)
             yield draw_loops(joint, opened=True)
-        yield from (show_residual(lines, text) for text, lines in trial.residuals)
+        yield from (pages.tabulate_residual(lines, text) for text, lines in trial.residuals)
 
 
 def _show_errors(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
@@ -143,7 +145,7 @@ def _show_errors(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
             known = [(name, style, y) for name, style, y in curves if y is not None]
             errors = [figures.Line(name, style, joint.time, joint.motor - y) for name, style, y in known]
             caption = f"When does the spring miss? Joint torque of {joint.joint} less that of the spring."
-            yield figures.build_line_figure(caption, ("time (s)", f"difference ({joint.unit})"), errors)
+            yield figures.build_line_figure(caption, (figures.TIME, f"difference ({joint.unit})"), errors)
 
 
 def draw_loops(entry: JointTrial, *, opened: bool = False) -> Drawing:
@@ -333,7 +335,7 @@ def _compare_methods(estimate: ElasticEstimate) -> Iterator[Block]:
     trials = estimate.trials
     if len(trials) < 2:
         return
-    truth = [entry.truth for entry in estimate.parameters]
+    truth = [entry.truth if estimate.simulated else None for entry in estimate.parameters]
     measures = {"prediction error (noise = 1)": [trial.error for trial in trials]}
     known = [place for place, true in enumerate(truth) if true]
     if known and all(len(trial.values) == len(truth) for trial in trials):
@@ -341,23 +343,13 @@ def _compare_methods(estimate: ElasticEstimate) -> Iterator[Block]:
         true = np.array([truth[place] for place in known], dtype=np.float64)
         errors = 100.0 * np.max(np.abs(values / true - 1.0), axis=1)
         measures["largest error of a parameter (%)"] = errors.tolist()
-    chosen = [trial.method == estimate.method for trial in trials]
+    picked = next((k for k, trial in enumerate(trials) if trial.method == estimate.method), None)
     names = [f"{trial.method}{' (chosen)' * (trial.method == estimate.method)}" for trial in trials]
     columns = [map(_format_score, scores) for scores in measures.values()]
     yield _PREDICTION
     rows = tuple(zip(names, *columns, (trial.outcome.value for trial in trials), strict=True))
     header, left = ("method", *measures, "outcome"), (0, len(measures) + 1)
-    picked = chosen.index(True) if any(chosen) else None
     yield Table(header, rows, left, "Methods on the same logs. Less is better.", picked=picked)
-    for measure, scores in measures.items():
-        marks = [
-            figures.Mark(name, score, _format_score(score), mine)
-            for name, score, mine in zip(names, scores, chosen, strict=True)
-            if score is not None and math.isfinite(score)
-        ]
-        if len(marks) > 1:
-            text = f"{measure.partition(' (')[0].capitalize()} of every method; less is better."
-            yield figures.build_mark_figure(text, measure, marks)
 
 
 def _format_score(value: float | None) -> str:
@@ -421,4 +413,4 @@ def _show_tracking(estimate: ElasticEstimate, runs: "Sequence[TrackingRun]") -> 
         styled = zip(runs, cycle(figures.STYLES), strict=False)
         lines = [figures.Line(run.name, style, run.time, 1e3 * run.error[:, index]) for run, style in styled]
         caption = f"Tracking error of {name} with every feed-forward."
-        yield figures.build_line_figure(caption, ("time (s)", f"tracking error (m{unit})"), lines)
+        yield figures.build_line_figure(caption, (figures.TIME, f"tracking error (m{unit})"), lines)

@@ -1,4 +1,4 @@
-"""Figures as inline SVG: lines, curves, clouds, areas, histograms, values in rows; flow charts, arms.
+"""Figures as inline SVG: lines, curves, clouds, areas, values in rows; flow charts, arms.
 
 Lines have at most 2000 points: functions of one variable keep every peak, curves that turn back on
 themselves, such as hysteresis loops, keep their corners (Ramer 1972, Douglas and Peucker 1973).
@@ -38,6 +38,7 @@ SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 STYLES = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh")
 """Of lines of equal rank: distinguished by colour and by dashes."""
 POINTS = 2000
+TIME = "time (s)"
 _INVISIBLE = 0.15
 """Distance in the unit of the drawing below which nobody sees a corner."""
 _LOGARITHMIC_RATIO = 8.0
@@ -204,7 +205,9 @@ def format_tick(value: float, *, logarithmic: bool = False) -> str:
         factor = value / _raise_ten(power)
         head = "10" if abs(factor - 1.0) < 1e-6 else f"{factor:g}\N{MULTIPLICATION SIGN}10"
         return head + str(power).translate(SUPERSCRIPT)
-    return f"{value:.6g}".replace("-", "\N{MINUS SIGN}") if abs(value) > 1e-300 else "0"
+    number, _, tens = f"{value:.6g}".partition("e")
+    raised = f"\N{MULTIPLICATION SIGN}10{str(int(tens)).translate(SUPERSCRIPT)}" if tens else ""
+    return number.replace("-", "\N{MINUS SIGN}") + raised if abs(value) > 1e-300 else "0"
 
 
 def _format_points(x: FloatArray, y: FloatArray, digits: int = 1) -> str:
@@ -296,10 +299,15 @@ def build_line_figure(
 
     The caption is also for screen readers; `labels` are those of the horizontal and the vertical axis, with
     units. A `logarithmic` vertical axis needs a positive value; a `whole` horizontal axis counts something.
+    Time begins at 0.
     """
     if logarithmic:
         positive = [(line, line.y > 0.0) for line in lines]
         lines = [replace(line, x=line.x[kept], y=line.y[kept]) for line, kept in positive if kept.any()]
+    if labels[0] == TIME:
+        # Logs count from anywhere, such as from 1970.
+        start = min(float(np.min(line.x)) for line in lines)
+        lines = [replace(line, x=line.x - start) for line in lines]
     x = replace(build_axis([line.x for line in lines], 0.03 if whole else 0.0), whole=whole)
     y = build_axis([line.y for line in lines], 0.05, logarithmic=logarithmic)
     frame = PlotArea(x=x, y=y, height=230.0)
@@ -326,10 +334,13 @@ def _build_figure(
 ) -> Drawing:
     """Return a figure with axes and legend; `thin` leaves out points of lines that nobody sees."""
     legend, above = _draw_legend({line.label: line.style for line in lines})
-    frame = replace(frame, height=frame.height + above, top=frame.top + above)
+    # Long numbers stand clear of the label at their left.
+    ticks = (format_tick(tick, logarithmic=frame.y.logarithmic) for tick in frame.y.choose_ticks(5))
+    left = max(frame.left, 34.0 + _DIGIT * max(map(len, ticks), default=0))
+    frame = replace(frame, height=frame.height + above, top=frame.top + above, left=left)
     body, more = _draw_axes(frame, labels), ""
     # A script reads time and values from the points: hundredths of the unit of the drawing, and the axes.
-    live = labels[0] == "time (s)" and not frame.y.logarithmic
+    live = labels[0] == TIME and not frame.y.logarithmic
     if live:
         sides = (frame.left, frame.top, frame.right, frame.bottom)
         ends = (*sides, frame.x.low, frame.x.high, frame.y.low, frame.y.high)
@@ -378,29 +389,6 @@ class FigureData:
     marks: tuple[Mark, ...] = ()
     limit: float | None = None
     logarithmic: bool = False
-
-
-def build_histogram(caption: str, labels: tuple[str, str], values: FloatArray) -> Drawing:
-    """Return how often `values` (N,) occur, with the normal distribution of their mean and deviation."""
-    axis = build_axis([values], 0.0)
-    low, high, bins = axis.low, axis.high, 41
-    counts, edges = np.histogram(values, bins=bins, range=(low, high))
-    x = np.linspace(low, high, 201)
-    mean, deviation = float(np.mean(values)), float(np.std(values))
-    normal = np.zeros_like(x)
-    if deviation > 0.0:
-        scale = len(values) * ((high - low) / bins) / (deviation * math.sqrt(2.0 * math.pi))
-        normal = scale * np.exp(-0.5 * ((x - mean) / deviation) ** 2)
-    largest = max(float(counts.max()), float(normal.max()), 1.0)
-    frame = PlotArea(x=axis, y=Axis(low=0.0, high=1.05 * largest), height=230.0)
-    body = _draw_axes(frame, labels)
-    for count, (left, right) in zip(counts, pairwise(edges), strict=True):
-        start, top = frame.place_x(left), frame.place_y(float(count))
-        size = f'width="{frame.place_x(right) - start:.1f}" height="{frame.place_y(0.0) - top:.1f}"'
-        body.append(f'<rect class="bar" x="{start:.1f}" y="{top:.1f}" {size}/>')
-    points = _format_points(frame.place_x(x), frame.place_y(normal))
-    body.append(f'<polyline class="line predicted" points="{points}"/>')
-    return _wrap_figure(caption, frame.height, body)
 
 
 def build_mark_figure(

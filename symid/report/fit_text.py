@@ -25,6 +25,7 @@ _EFFECTS = {
     "torsion-offset": ("zero of the torsion", "{position}"),
 }
 """What they are called, and their units."""
+_STATED = {"robot file": "truth"}
 _WIDTH = 100
 _SHOWN = 3
 
@@ -120,7 +121,7 @@ def show_estimate(estimate: "estimators.Estimate", *, brief: bool = False) -> tu
         f"{estimate.robot}: {estimate.rows}, {estimate.estimator}, {estimate.samples} equations, condition "
         f"{estimate.condition:.3g}: {estimate.outcome.value}"
     )
-    truth = {"robot file": "truth", "within 3 std": "near_truth"}
+    truth = {"truth": "truth", "within 3 std": "near_truth"} if estimate.simulated else _STATED
     table = _show_parameters(estimate.parameters, ".3g", truth)
     lines = []
     fit: Any = estimate.settings.get("fit")
@@ -158,7 +159,7 @@ def _show_parameters(
     return Table(("parameter", "value", "std", "std/%", "unit", *known), rows, (0, 4))
 
 
-def show_residual(residual: Sequence["estimators.Residual"], title: str = "") -> Table:
+def show_residual(residual: Sequence["estimators.Residual"]) -> Table:
     """Return the table of residuals."""
     rows = [
         # A joint without a motor has no torque that a residual could be a part of.
@@ -166,7 +167,7 @@ def show_residual(residual: Sequence["estimators.Residual"], title: str = "") ->
         for entry in residual
         for share, *rest in ((entry.relative_percent, entry.unit, entry.samples),)
     ]
-    return Table(("joint", "norm", "relative/%", "std", "unit", "samples"), rows, (0, 4), title)
+    return Table(("joint", "norm", "relative/%", "std", "unit", "samples"), rows, (0, 4))
 
 
 def show_evidence(evidence: "estimators.Evidence") -> Table:
@@ -313,8 +314,9 @@ def show_elastic(estimate: "ElasticEstimate") -> tuple[Block, ...]:
 
 
 def show_elastic_parameters(estimate: "ElasticEstimate") -> Table:
-    """Return the table of dynamic parameters, with the truth beside them where it is known."""
-    return _show_parameters(estimate.parameters, "", {"true": "truth", "error/%": "error_percent"})
+    """Return the table of dynamic parameters, beside them the truth or the values of the robot file."""
+    truth = {"truth": "truth", "error/%": "error_percent"} if estimate.simulated else _STATED
+    return _show_parameters(estimate.parameters, "", truth)
 
 
 def show_springs(estimate: "ElasticEstimate") -> Table:

@@ -9,9 +9,8 @@ Supported: friction laws of the velocity alone; of others the curve at no load, 
 Not supported of friction: the scatter of single rows as a band.
 """
 
-import math
 import shlex
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import chain
 from operator import itemgetter
@@ -30,7 +29,14 @@ from symid.identification import (
     friction,
     validate_fit,
 )
-from symid.identification.estimators import SIGNIFICANT, Estimate, Series, Validation, check_model
+from symid.identification.estimators import (
+    SIGNIFICANT,
+    Estimate,
+    Residual,
+    Series,
+    Validation,
+    check_model,
+)
 from symid.identification.rigid import (
     Diagnosis,
     get_fit_overlap,
@@ -42,6 +48,7 @@ from symid.joint_models import compute_friction_torque, get_law
 from symid.logs import LogPart, Recording, check_recording, read_recordings, take_parts
 from symid.report import figures, fit_text, pages
 from symid.report.blocks import Block, Drawing, Table
+from symid.report.drawings import draw_robot
 from symid.report.elastic_page import build_elastic_page, draw_branches
 from symid.report.verdict import (
     QUANTITIES,
@@ -60,14 +67,12 @@ _FLAT = 1.01
 """Ratio of objectives up to which a search has nothing to show."""
 _STILL = 1e-3
 """Speed of the slowest row over the fastest up to which rows reach standstill."""
-_LEFT = "Residual of the model in the logs of the fit."
+_LEFT = "Residual of the model in the logs of the fit: all equations, at all their frequencies."
 _TRIALS = (
     "Friction laws by their residual on held-out parts of the log. Squares: squared error relative to "
     "Coulomb + viscous + offset. Behind: difference from the best law in standard errors over the parts; of "
     "those that are not significantly worse, the law with the fewest parameters is chosen."
 )
-_MOST_PARAMETERS = 12
-"""Parameters in the figure of the least certain ones."""
 
 
 def build_identification_page(
@@ -85,24 +90,31 @@ def build_identification_page(
         diagnosis: of the fit and its own logs.
         options: notices, origin and further fields of the page, as of `build_fit_page`.
     """
+    numbers, headline = _list_numbers(estimate, validations)
+    # The worst log stands on the first pages, the others behind the parameters.
+    worst = _find_worst(validations) or next(iter(validations), None)
+    shown: Iterable[Block] = ("== Held-out logs ==", pages.UNTESTED) if worst is None else _show_log(worst)
+    parameters = pages.tabulate_parameters(estimate.parameters, simulated=estimate.simulated)
     return pages.build_fit_page(
         estimate,
         subject="identified parameters",
         verdict=judge_identification(estimate, validations),
-        numbers=_list_numbers(estimate, validations),
+        headline=headline,
+        numbers=[*numbers, pages.count_significant(estimate.parameters)],
         lead=_draw_lead(estimate, validations),
         blocks=(
-            *chain.from_iterable(map(_show_log, validations)),
-            *("== Parameters ==", pages.tabulate_parameters(estimate.parameters)),
+            *shown,
+            "== Parameters ==",
+            parameters,
             *pages.draw_certainty(estimate.parameters),
             *pages.show_refused(estimate.refused),
-            *fit_text.show_laws(estimate.laws),
-            *(() if validations else ("== Held-out logs ==", pages.UNTESTED)),
         ),
         more=(
+            *chain.from_iterable(_show_log(entry) for entry in validations if entry is not worst),
+            *fit_text.show_laws(estimate.laws),
             *("== What each parameter groups ==", pages.tabulate_groupings(estimate.parameters)),
             "== Residual of the fit ==",
-            fit_text.show_residual(estimate.residual, _LEFT),
+            pages.tabulate_residual(estimate.residual, _LEFT),
             *_show_choice(estimate),
             *(() if diagnosis is None else _show_diagnosis(estimate, diagnosis)),
             *chain.from_iterable(map(_show_errors, validations)),
@@ -119,25 +131,56 @@ def build_identification_page(
     )
 
 
-def _list_numbers(estimate: Estimate, validations: Sequence[Validation]) -> list[tuple[str, str]]:
-    """Return the numbers that matter: what is left of held-out motions, where most, what is significant."""
-    worst, known = _find_worst(validations), pages.count_significant(estimate.parameters)
+def _list_numbers(estimate: Estimate, validations: Sequence[Validation]) -> tuple[list[tuple[str, str]], str]:
+    """Return the numbers that matter, and in a sentence how large the residual is, of which joint most."""
+    worst, evidence = _find_worst(validations), estimate.evidence
     if worst is not None:
-        return [*_list_tried(worst), known]
-    text, whole = "residual of the torque, in the logs of the fit alone", estimate.mean_relative_percent
-    if estimate.evidence is not None:
-        text = "held-out residual of the torque (cross-validation)"
-        whole = estimate.evidence.unexplained
-    joint, most = max(_list_shares(estimate), key=itemgetter(1))
-    where = f"of it at most, at {joint}"
-    return [(pages.format_percent(whole), text), (pages.format_percent(most), where), known]
+        return _tell_tried(worst)
+    if evidence is not None:
+        shares, where = _list_shares(estimate), "held-out stretches (cross-validation)"
+        return _tell_residual(where, evidence.unexplained, shares, band=evidence.scoring)
+    return _tell_residual("its own logs alone", estimate.mean_relative_percent, _list_shares(estimate))
+
+
+def _tell_tried(worst: Validation) -> tuple[list[tuple[str, str]], str]:
+    """Return the same of a held-out log."""
+    shares, only = _list_left(worst.residual), worst.residual[0]
+    what: Any = {"what": QUANTITIES[worst.rows], "band": worst.scoring, "rms": (only.std, only.unit)}
+    return _tell_residual("a held-out log", worst.mean_relative_percent, shares, **what)
+
+
+def _tell_residual(
+    where: str,
+    whole: float,
+    shares: Sequence[tuple[str, float]],
+    *,
+    what: str = "torque",
+    band: float = 0.0,
+    rms: tuple[float, str] | None = None,
+) -> tuple[list[tuple[str, str]], str]:
+    """Return the residual as numbers and in a sentence; its `rms` and unit stand for one joint."""
+    joint, most = max(shares, key=itemgetter(1))
+    mean, highest = pages.format_percent(whole), pages.format_percent(most)
+    told = f"On {where} the model has a residual of {mean} of the {what}"
+    told += f" below {band:.3g} Hz" * (band > 0.0)
+    numbers = [(mean, f"residual of the {what} on {where}")]
+    if len(shares) > 1:
+        told += f" (mean of the joints); the worst joint is {joint}, with {highest}"
+        numbers.append((highest, f"at {joint}, the worst joint"))
+    elif rms is not None:
+        numbers.append((f"{pages.format_digits(rms[0])} {pages.write_unit(rms[1])}", "RMS of it"))
+    return numbers, f"{told}."
 
 
 def _list_shares(estimate: Estimate) -> list[tuple[str, float]]:
-    """Return what is left of the torque of each joint, percent: in held-out stretches, else in the fit."""
+    """Return the residual of each joint, percent of its torque: in held-out stretches, else in the fit."""
     if estimate.evidence is not None:
         return [(entry.joint, entry.held_out) for entry in estimate.evidence.joints]
-    return [(entry.joint, entry.relative_percent) for entry in estimate.residual]
+    return _list_left(estimate.residual)
+
+
+def _list_left(residual: Sequence[Residual]) -> list[tuple[str, float]]:
+    return [(entry.joint, entry.relative_percent) for entry in residual]
 
 
 def _find_worst(validations: Sequence[Validation]) -> Validation | None:
@@ -146,19 +189,14 @@ def _find_worst(validations: Sequence[Validation]) -> Validation | None:
     return max(held_out, key=lambda entry: entry.mean_relative_percent, default=None)
 
 
-def _list_tried(worst: Validation) -> list[tuple[str, str]]:
-    joint = max(worst.residual, key=lambda entry: entry.relative_percent)
-    what = f"residual of the {QUANTITIES[worst.rows]} in the held-out log"
-    found = [(pages.format_percent(worst.mean_relative_percent), what)]
-    if len(worst.residual) == 1:
-        return [*found, (f"{pages.format_digits(joint.std)} {pages.write_unit(joint.unit)}", "RMS of it")]
-    return [*found, (pages.format_percent(joint.relative_percent), f"of it at most, at {joint.joint}")]
+def _get_worst_joint(validation: Validation) -> str:
+    return max(validation.residual, key=lambda entry: entry.relative_percent).joint
 
 
 def _draw_worst(worst: Validation) -> Drawing:
-    joint = max(worst.residual, key=lambda entry: entry.relative_percent).joint
+    joint = _get_worst_joint(worst)
     series = next((entry for entry in worst.series if entry.joint == joint), worst.series[0])
-    most = f" {joint}, the joint with the largest residual." if len(worst.series) > 1 else ""
+    most = f" {joint}, the worst joint." if len(worst.series) > 1 else ""
     question = f"Does it predict motions that it was not fitted to?{most}"
     return draw_prediction(series, worst.rows, question)
 
@@ -238,15 +276,14 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
     yield f"{resampled}: valid for any correlation of the residual within a block."
     stated = {entry.name: entry for entry in estimate.parameters}
     dropped = {entry.name for entry in essential.dropped}
-    columns = (bootstrap.deviations, bootstrap.low, bootstrap.high)
-    scatter = []
+    columns, scatter = (bootstrap.deviations, bootstrap.low, bootstrap.high), list[Sequence[object]]()
     for name, deviation, low, high in zip(bootstrap.names, *columns, strict=True):
         if name in stated:
-            stds = map(pages.format_digits, (stated[name].std, deviation))
-            ends = (f"{low:.4g}", f"{high:.4g}")
-            scatter.append((name, stated[name].value, *stds, *ends, name not in dropped))
-    titles = ("name", "value", "stated std", "bootstrap std", "from", "to (95 %)", "significant")
-    yield Table(titles, scatter, title="Values in SI units.")
+            both = (pages.format_pair(stated[name].value, std) for std in (stated[name].std, deviation))
+            interval = pages.format_interval(low, high, deviation) if deviation > 0.0 else ""
+            scatter.append((name, *both, interval, "not significant" if name in dropped else ""))
+    titles = ("name", "value ± stated std", "value ± bootstrap std", "95 % interval", "remark")
+    yield Table(titles, scatter, (0, 4), title="Values in SI units.")
     yield from _show_drift(estimate, diagnosis)
     yield "== Structure of the residual =="
     if diagnosis.structure:
@@ -319,7 +356,7 @@ def _show_drift(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]:
             "robot changed, or the model misses a term."
         )
     rows = [
-        (entry.name, *map("{:.4g} ± {}".format, entry.values, map(pages.format_digits, entry.deviations)))
+        (entry.name, *map(pages.format_pair, entry.values, entry.deviations))
         for entry in drift.changed
         if len(entry.values) == len(drift.runs)
     ]
@@ -330,17 +367,19 @@ def _show_drift(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]:
 
 def _show_log(validation: Validation) -> Iterator[Block]:
     caption = "A log of the fit: this is no test." if validation.fitted else "Held out: not used in the fit."
-    mean = f"Mean over joints of the relative residual: {validation.mean_relative_percent:.4f} %"
+    mean = f"Mean of the joints: {pages.format_percent(validation.mean_relative_percent)}."
     name = Path(validation.source).name
     yield f"== {'Log of the fit' if validation.fitted else 'Held-out log'} {name} =="
-    yield fit_text.show_residual(validation.residual, f"{validation.source}. {caption} {mean}")
-    # The figure of one joint leads the page.
-    shown = validation.series if len(validation.series) > 1 or validation.fitted else ()
-    yield from (draw_prediction(series, validation.rows) for series in shown)
+    yield pages.tabulate_residual(validation.residual, f"{caption} {mean}")
+    # The figure of the worst joint leads the page.
+    joint = "" if validation.fitted else _get_worst_joint(validation)
+    yield from (
+        draw_prediction(entry, validation.rows) for entry in validation.series if entry.joint != joint
+    )
 
 
 def _show_errors(validation: Validation) -> Iterator[Block]:
-    """Yield the residual of a log: by phases of motion, over time, and its distribution."""
+    """Yield the residual of a log: by phases of motion, and over time."""
     yield f"== Residual of {Path(validation.source).name} =="
     yield from fit_text.show_motion(validation.motion)
     if validation.scoring:
@@ -350,9 +389,7 @@ def _show_errors(validation: Validation) -> Iterator[Block]:
         quantity = _name_quantity(series, validation.rows)
         caption = f"When does it miss? {joint}, measured minus predicted {quantity}."
         line = figures.Line("residual", "residual", series.time, error)
-        yield figures.build_line_figure(caption, ("time (s)", f"residual ({unit})"), (line,))
-        caption = f"Is it noise? Residual of {joint}, and the normal distribution of the same deviation."
-        yield figures.build_histogram(caption, (f"residual ({unit})", "rows"), error)
+        yield figures.build_line_figure(caption, (figures.TIME, f"residual ({unit})"), (line,))
 
 
 def draw_prediction(series: Series, rows: str, caption: str = "") -> Drawing:
@@ -361,7 +398,7 @@ def draw_prediction(series: Series, rows: str, caption: str = "") -> Drawing:
     named = zip(("measured", "predicted"), values, strict=True)
     return figures.build_line_figure(
         f"{caption} Measured and predicted {quantity} of {series.joint}.".lstrip(),
-        ("time (s)", f"{quantity} ({series.unit})"),
+        (figures.TIME, f"{quantity} ({series.unit})"),
         [figures.Line(name, name, series.time, y) for name, y in named],
     )
 
@@ -434,7 +471,7 @@ def build_friction_page(
                 part = (trial.held_percent, trial.held_rms, "held-out blocks", entry)
                 break
         left.append(part)
-    percent, rms, where, first = max(left, key=itemgetter(0))
+    _, rms, where, first = max(left, key=itemgetter(0))
     tried = _find_worst(validations)
     blocks: list[Block] = [*chain.from_iterable(map(_show_log, validations))]
     title = "Residual of law and rigid part in the logs of the fit."
@@ -445,21 +482,22 @@ def build_friction_page(
             *(() if entry is first and tried is None else (build_friction_figure(entry),)),
             pages.tabulate_parameters(entry.estimate.parameters, formulas=False),
             *pages.show_refused(entry.estimate.refused),
-            fit_text.show_residual((entry.residual,), title),
+            pages.tabulate_residual((entry.residual,), title),
             *(() if entry.selection is None else (entry.selection.verdict,)),
         ]
     left_out = "\n".join(f"{name}: {reason}" for name, reason in found.refused)
-    text = f"residual of the torque in {where}, at {first.joint}, the largest of all joints"
-    numbers = [(pages.format_percent(percent), text)]
-    if tried is not None:
-        numbers = _list_tried(tried)
-    elif rms is not None:
-        numbers.append((f"{pages.format_digits(rms)} {pages.write_unit(first.unit)}", "RMS of it"))
+    shares = [(entry.joint, percent) for percent, _, _, entry in left]
+    whole = sum(percent for _, percent in shares) / len(shares)
+    size = None if rms is None else (rms, first.unit)
+    numbers, headline = (
+        _tell_residual(where, whole, shares, rms=size) if tried is None else _tell_tried(tried)
+    )
     parameters = [one for entry in found.joints for one in entry.estimate.parameters]
     return pages.build_fit_page(
         found,
         subject="identified friction",
         verdict=judge_friction(found, validations),
+        headline=headline,
         numbers=[*numbers, pages.count_significant(parameters)],
         lead=build_friction_figure(first) if tried is None else _draw_worst(tried),
         blocks=(*blocks, *(["== Joints without a law ==", left_out] if left_out else [])),
@@ -515,20 +553,13 @@ def judge_fit(estimate: AnyEstimate) -> FitVerdict:
 
 
 def draw_fit(estimate: AnyEstimate) -> tuple[Drawing, ...]:
-    """Return the least certain parameters; of elastic joints the springs, of friction its curves."""
+    """Return how certain the parameters are; of elastic joints the springs, of friction its curves."""
     match estimate:
         case elastic.ElasticEstimate():
             return tuple(draw_branches(entry) for entry in estimate.springs if entry.identifiable)
         case friction.FrictionIdentification():
             return tuple(map(build_friction_figure, estimate.joints))
-    known = [entry for entry in estimate.parameters if 0.0 < entry.relative_std_percent < math.inf]
-    least = sorted(known, key=lambda entry: -entry.relative_std_percent)[:_MOST_PARAMETERS]
-    marks = [
-        figures.Mark(entry.name, entry.relative_std_percent, pages.format_percent(entry.relative_std_percent))
-        for entry in least
-    ]
-    caption = f"{estimate.robot}: least certain parameters, standard deviation in percent of the value."
-    return (figures.build_mark_figure(caption, "relative standard deviation (%)", marks),) if marks else ()
+    return pages.draw_certainty(estimate.parameters)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -562,13 +593,14 @@ def write_fit_page(
     test: Sequence[LogPart] = (),
     diagnose: bool = False,
     file: str = "",
+    heading: Mapping[str, Any] | None = None,
 ) -> WrittenPage:
     """Write the page of a fit of any kind.
 
-    `known` are the robot as read, and what long work with it needs, None without logs and diagnosis; `logs`
-    are held out, files or what was read from them, and `test` parts of them, one for all or one for each;
-    `pairs` are settings of the call, `diagnose` says whether the logs of the fit are read again, and `file`
-    is that of the estimate, for messages.
+    `known` are the robot as read, which is drawn, and what long work with it needs, which logs and diagnosis
+    take; `logs` are held out, files or what was read from them, and `test` parts of them, one for all or one
+    for each; `pairs` are settings of the call, `diagnose` says whether the logs of the fit are read again,
+    `file` is that of the estimate, for messages, and `heading` holds title, author and date of the page.
 
     Raises:
         UsageError: there are settings or parts and no logs, or the kind of fit has no such logs, setting or
@@ -641,7 +673,7 @@ def write_fit_page(
         case friction.FrictionIdentification():
             page = build_friction_page(estimate, validations, **told)
     tests: tuple[Validation | elastic.ElasticTrial, ...] = (*validations, *trials)
-    name = estimate.robot if estimate.robot in list_robots() else "ROBOT"
+    name = estimate.file or (estimate.robot if estimate.robot in list_robots() else "ROBOT")
     name = name if known is None else name_for_commands(known[0])
     # The command that an expert would type after this verdict, and what for.
     stored, target = file or "ESTIMATE", f"{estimate.robot}_identified.toml"
@@ -650,7 +682,11 @@ def write_fit_page(
         words, why = ["check", name, *estimate.sources], "Look for the cause"
     elif all(entry.fitted for entry in tests):
         words, why = ["validate", name, stored, "LOG"], "Test it on a log of another motion"
-    page = replace(page, next_step=(shlex.join(["symid", *words]), why))
+    # In the middle of the logs, where no joint hides another as it may at zero.
+    evidence = estimate.evidence if isinstance(estimate, Estimate) else None
+    middle = {} if evidence is None else {e.joint: 0.5 * (e.low + e.high) for e in evidence.covered}
+    drawn = None if known is None else draw_robot(known[0], middle)
+    page = replace(page, next_step=(shlex.join(["symid", *words]), why), second=drawn, **(heading or {}))
     is_rigid = isinstance(estimate, Estimate)
     settled = [(entry.source, entry.processing) for entry in validations if is_rigid and entry.processing]
     processing = tuple({**asdict(entry.processing), "origin": dict(entry.origin)} for _, entry in settled)

@@ -10,7 +10,7 @@ Not supported: more than one robot on a page.
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ from symid.codegen import Library
 from symid.environment import locate_resource_folder, write_file
 from symid.errors import Notice, merge_notices
 from symid.identification.elastic import ElasticEstimate
-from symid.identification.estimators import SIGNIFICANT, Estimate, ParameterEstimate
+from symid.identification.estimators import SIGNIFICANT, Estimate, ParameterEstimate, Residual
 from symid.identification.friction import FrictionIdentification
 from symid.logs import Recording
 from symid.report.blocks import Block, Drawing, Table, split_sections, write_elements
@@ -35,7 +35,7 @@ TEMPLATE = "page.html.jinja"
 WRITTEN_BY = f"Written by symid {__version__}"
 UNTESTED = "No held-out log was given: the model is untested. Validate it on another motion (--validation)."
 _SIGMA = "within 3\N{GREEK SMALL LETTER SIGMA}"
-_OWN_ANCHORS = ("notices", "settings")
+_OWN_ANCHORS = ("verdict", "notices", "settings")
 """Of sections that every page has."""
 _ONE_DIGIT = 3.0
 _MOST_DECIMALS = 6
@@ -57,6 +57,8 @@ class Page:
         settings: name and value of all that was used.
         notices: what else a reader should know, each once.
         origin: what the page was made from, in short texts.
+        title: of the page, in place of robot and subject; author, date: as they are printed below it.
+        second: the figure below the first, such as the robot.
         conventions: of signs and sides, for the foot of the page; units: of all numbers, likewise.
     """
 
@@ -71,6 +73,10 @@ class Page:
     more: Sequence[Block] = ()
     notices: Sequence[str] = ()
     origin: Sequence[str] = (WRITTEN_BY,)
+    title: str = ""
+    author: str = ""
+    date: str = ""
+    second: Drawing | None = None
     conventions: str = "friction opposes positive velocity with positive sign"
     units: str = "SI units throughout"
 
@@ -84,14 +90,19 @@ def build_fit_page(
     settings: Mapping[str, object],
     notices: Sequence[Notice] = (),
     origin: Sequence[str] = (),
+    headline: str = "",
     **options: Any,  # noqa: ANN401  fields of the record
 ) -> Page:
-    """Return the page of an estimate; `settings` and `notices` besides its own, `options` of `Page`."""
+    """Return the page of an estimate; `settings` and `notices` besides its own, `options` of `Page`.
+
+    The `headline` is by default that of the verdict.
+    """
     model = {"logs": estimate.sources, "signature of the model": estimate.signature}
     return Page(
         robot=estimate.robot,
         subject=subject,
-        verdict=verdict,
+        # One sentence: what limits the level stands below it.
+        verdict=replace(verdict, headline=headline or next(iter(verdict.reasons), verdict.headline)),
         blocks=blocks,
         settings=(*_list_settings({**settings, **model}), *_list_settings(estimate.settings)),
         notices=tuple(map(str, merge_notices((*estimate.notices, *notices), estimate.sources))),
@@ -167,14 +178,17 @@ def build_environment() -> "Environment":
     return environment
 
 
-def tabulate_parameters(parameters: Sequence[ParameterEstimate], *, formulas: bool = True) -> Table:
-    """Return the table of parameters with the true values where they are known.
+def tabulate_parameters(
+    parameters: Sequence[ParameterEstimate], *, formulas: bool = True, simulated: bool = False
+) -> Table:
+    """Return the table of parameters; beside them the values of the robot file, true ones if `simulated`.
 
     Without `formulas` a column has the meaning of a parameter in words. Errors are relative to the true
     value, where that is not zero; a value within two deviations of zero has no relative deviation.
     """
     known = any(entry.truth is not None for entry in parameters)
-    header = ["name", "value ± std", "unit", "uncertainty", *(("truth", "error", _SIGMA) if known else ())]
+    beside = ("truth", "error", _SIGMA) if simulated else ("robot file",)
+    header = ["name", "value ± std", "unit", "uncertainty", *(beside if known else ())]
     rows = list[list[object]]()
     for entry in parameters:
         certain = math.isfinite(entry.std)
@@ -182,13 +196,29 @@ def tabulate_parameters(parameters: Sequence[ParameterEstimate], *, formulas: bo
         if certain and entry.significant:
             relative = format_percent(entry.relative_std_percent)
         row = [entry.name, format_pair(entry.value, entry.std), write_unit(entry.unit), relative]
-        true = (entry.truth, format_error(entry.value, entry.truth), entry.near_truth if certain else None)
+        near = (format_error(entry.value, entry.truth), entry.near_truth if certain else None)
+        true = (entry.truth, *(near if simulated else ()))
         meaning = "\n" + "; ".join(filter(None, (entry.expression, entry.reason)))
         rows.append([*row, *(true if known else ()), *(() if formulas else (meaning,))])
-    told = f"; {_SIGMA}: the true value lies within three of them" if known else ""
+    told = f"; {_SIGMA}: the true value lies within three of them" if known and simulated else ""
     header += [] if formulas else ["meaning"]
     left = (0, 2) if formulas else (0, 2, len(header) - 1)
     return Table(header, rows, left, f"With standard deviations{told}.")
+
+
+def tabulate_residual(residual: Sequence[Residual], title: str) -> Table:
+    """Return the residual of every joint, the worst in bold."""
+    rows = [
+        (
+            entry.joint,
+            format_percent(entry.relative_percent),
+            format_digits(entry.std),
+            write_unit(entry.unit),
+        )
+        for entry in residual
+    ]
+    worst = max(range(len(rows)), key=lambda k: residual[k].relative_percent) if len(rows) > 1 else None
+    return Table(("joint", "residual", "RMS", "unit"), rows, (0, 3), title, picked=worst)
 
 
 def count_significant(parameters: Sequence[ParameterEstimate]) -> tuple[str, str]:
@@ -251,15 +281,23 @@ def format_pair(value: float, std: float) -> str:
     """
     if not math.isfinite(std) or std <= 0.0:
         return write_minus(f"{value:.5g}")
+    return _format_in_digits((value, std), std, " \N{PLUS-MINUS SIGN} ")
+
+
+def format_interval(low: float, high: float, std: float) -> str:
+    """Return an interval in the digits that a value of this deviation has."""
+    return _format_in_digits((low, high), std, " to ")
+
+
+def _format_in_digits(values: Sequence[float], std: float, between: str) -> str:
     place = math.floor(math.log10(std))
     # Two digits of 10 to 29, one of 30 to 99: the deviation of a deviation is no better.
     decimals = 1 - place if std / 10.0**place < _ONE_DIGIT else -place
-    size = math.floor(math.log10(max(abs(value), std)))
+    size = math.floor(math.log10(max(*map(abs, values), std)))
     power = size if decimals > _MOST_DECIMALS or size > _MOST_DECIMALS else 0
-    scale, decimals = 10.0**power, max(decimals + power, 0)
-    shown = f"{value / scale:.{decimals}f}"
-    shown = shown if float(shown) else shown.removeprefix("-")
-    text = f"{shown} \N{PLUS-MINUS SIGN} {std / scale:.{decimals}f}"
+    scale, decimals = 10.0**power, decimals + power
+    shown = (f"{round(value / scale, decimals):.{max(decimals, 0)}f}" for value in values)
+    text = between.join(one if float(one) else one.removeprefix("-") for one in shown)
     text = f"({text})\N{MULTIPLICATION SIGN}10{str(power).translate(SUPERSCRIPT)}" if power else text
     return write_minus(text)
 

@@ -21,8 +21,8 @@ Not supported: reversal curves of a recording without a swing that grows or shri
 import math
 import shlex
 from collections.abc import Iterator, Sequence
+from dataclasses import fields, replace
 from itertools import chain, pairwise
-from pathlib import Path
 from statistics import NormalDist
 from typing import TYPE_CHECKING, Any
 
@@ -37,7 +37,7 @@ from symid.identification.estimators import ParameterEstimate
 from symid.report import pages, robot_text
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.drawings import draw_excitation, draw_log, draw_robot, list_shares
-from symid.report.figures import Line, Mark, build_curve_figure, build_line_figure, build_mark_figure
+from symid.report.figures import TIME, Line, Mark, build_curve_figure, build_line_figure, build_mark_figure
 from symid.report.fit_text import show_stiffness
 from symid.report.validation_text import show_comparison
 from symid.report.verdict import LEVELS, FitVerdict, rate_output
@@ -74,8 +74,7 @@ _STARTS = {
 }
 
 
-def _write_page(
-    path: Path,
+def _build_page(
     robot: str,
     subject: str,
     verdict: FitVerdict,
@@ -84,11 +83,11 @@ def _write_page(
     blocks: Sequence[Block],
     notices: Sequence[Notice] = (),
     **options: Any,  # noqa: ANN401  fields of the page
-) -> Path:
-    """Write a page whose first figure stands beside its verdict, the others before the tables."""
+) -> pages.Page:
+    """Return a page whose first figure stands beside its verdict, the others before the tables."""
     rest = figures[1:]
     options.setdefault("settings", (("robot", robot),))
-    page = pages.Page(
+    return pages.Page(
         robot=robot,
         subject=subject,
         verdict=verdict,
@@ -97,7 +96,6 @@ def _write_page(
         notices=tuple(map(str, merge_notices(notices))),
         **options,
     )
-    return pages.write_page(path, page)
 
 
 def judge_check(checked: "LogsCheck") -> FitVerdict:
@@ -131,8 +129,8 @@ def draw_check(robot: Robot, checked: "LogsCheck") -> tuple[Drawing, ...]:
     return tuple(chain.from_iterable(drawn)) or (draw_robot(robot),)
 
 
-def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
-    """Write the page of a robot file and its logs, checked; OutputError where it cannot be written."""
+def build_check_page(robot: Robot, checked: "LogsCheck") -> pages.Page:
+    """Return the page of a robot file and its logs, checked."""
     numbers: list[tuple[str, str]] = []
     found, several = checked.excitation, "s"[: len(checked.logs) > 1]
     blocks: tuple[Block, ...] = robot_text.show_robot_check(robot, checked)
@@ -161,8 +159,7 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
     numbers.append((f"{length:.4g} s", f"in {len(checked.logs)} log{several}"))
     sources = (entry.recording.source for entry in checked.logs)
     command = ("symid", "identify", name_for_commands(robot), *sources)
-    return _write_page(
-        path,
+    return _build_page(
         robot.name,
         "check of logs" if checked.logs else "check of a robot file",
         judge_check(checked),
@@ -175,8 +172,8 @@ def write_check_page(path: Path, robot: Robot, checked: "LogsCheck") -> Path:
     )
 
 
-def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation") -> Path:
-    """Write the page of an optimised trajectory; OutputError where it cannot be written."""
+def build_excitation_page(robot: Robot, found: "OptimisedExcitation") -> pages.Page:
+    """Return the page of an optimised trajectory."""
     shares = list_shares(found.margins)
     kept = all(entry.kept for entry in found.margins)
     level = "good" if found.condition <= _WELL else "usable" if found.condition <= _ENOUGH else "doubtful"
@@ -189,8 +186,7 @@ def write_excitation_page(path: Path, robot: Robot, found: "OptimisedExcitation"
     rows = [(run.start, run.condition, run.iterations, run.status) for run in found.runs]
     title = "The search from every start, the best first."
     starts = Table(("start", "condition", "iterations", "status"), rows, (3,), title)
-    return _write_page(
-        path,
+    return _build_page(
         robot.name,
         "trajectory for identification",
         FitVerdict(
@@ -232,8 +228,8 @@ def judge_payload(found: "Payload") -> FitVerdict:
     )
 
 
-def write_payload_page(path: Path, robot: str, found: "Payload", notices: Sequence[Notice]) -> Path:
-    """Write the page of a payload and return the path; OutputError where it cannot be written."""
+def build_payload_page(robot: str, found: "Payload", notices: Sequence[Notice]) -> pages.Page:
+    """Return the page of a payload."""
     known = [
         ParameterEstimate(name=e.name, value=e.value, std=math.inf if e.std is None else e.std, unit=e.unit)
         for e in found.quantities
@@ -246,8 +242,7 @@ def write_payload_page(path: Path, robot: str, found: "Payload", notices: Sequen
     if len(places) == len("xyz"):
         numbers.append((f"{math.hypot(*places):.3g} m", "from the link frame to the centre of mass"))
     numbers.append(pages.count_significant(known))
-    return _write_page(
-        path,
+    return _build_page(
         robot,
         f"payload on the link of joint {found.joint}",
         judge_payload(found),
@@ -260,8 +255,8 @@ def write_payload_page(path: Path, robot: str, found: "Payload", notices: Sequen
     )
 
 
-def write_stiffness_page(path: Path, found: "StiffnessEstimate", notices: Sequence[Notice]) -> Path:
-    """Write the page of joint stiffness and return the path; OutputError where it cannot be written."""
+def build_stiffness_page(found: "StiffnessEstimate", notices: Sequence[Notice]) -> pages.Page:
+    """Return the page of joint stiffness."""
     known = [(entry, entry.stiffness, entry.interval) for entry in found.joints]
     told = [(entry, value, ends) for entry, value, ends in known if value is not None and ends is not None]
     level = "good" if len(told) == len(known) else "usable" if told else "doubtful"
@@ -281,8 +276,7 @@ def write_stiffness_page(path: Path, found: "StiffnessEstimate", notices: Sequen
     if told:
         widest = max(0.5 * (high - low) / value for _, value, (low, high) in told)
         numbers.append((f"\N{PLUS-MINUS SIGN}{pages.format_percent(100.0 * widest)}", "widest 95 % interval"))
-    return _write_page(
-        path,
+    return _build_page(
         found.robot,
         "stiffness of joints",
         FitVerdict(level=level, headline=headline, details=details),
@@ -319,10 +313,10 @@ def judge_comparison(found: "Sequence[Compared]") -> FitVerdict:
     return FitVerdict(level=level, headline=headline, details=tuple(details))
 
 
-def write_comparison_page(
-    path: Path, ours: "EstimateSide", found: "Sequence[Compared]", notices: Sequence[Notice]
-) -> Path:
-    """Write the page of a comparison and return the path; OutputError where it cannot be written."""
+def build_comparison_page(
+    ours: "EstimateSide", found: "Sequence[Compared]", notices: Sequence[Notice]
+) -> pages.Page:
+    """Return the page of a comparison."""
     judged = sum(entry.comparison.judged for entry in found)
     within = sum(entry.comparison.count_within(2.0) for entry in found)
     largest = max(entry.comparison.largest for entry in found)
@@ -348,8 +342,7 @@ def write_comparison_page(
         )
         label, shown = "difference, in standard deviations", marks[:_MOST_MARKS]
         figures.append(build_mark_figure(caption, label, shown, dense=True, limit=_FAR))
-    return _write_page(
-        path,
+    return _build_page(
         ours.identified.robot.name,
         "comparison of values",
         judge_comparison(found),
@@ -446,33 +439,41 @@ def show_element(record: hysteresis.HysteresisRecord) -> tuple[Block, ...]:
 
 def draw_element(record: hysteresis.HysteresisRecord) -> tuple[Drawing, ...]:
     """Return the figures of an element: loops, time, residuals, energy of cycles, branches."""
-    trace, labels = record.trace, _label_axes(record)
+    labels, begun = _label_axes(record), -(-len(record.trace.time) * record.skipped // record.samples)
+    # What does not count is not drawn.
+    trace = hysteresis.ElementTrace(
+        **{entry.name: getattr(record.trace, entry.name)[begun:] for entry in fields(record.trace)}
+    )
+    # Wide, so that it shows on both sides of the line that follows it.
     loops = [
-        Line("measured", "cloud", trace.position, trace.measured, joined=False),
+        Line("measured", "wide", trace.position, trace.measured),
         Line("predicted", "predicted", trace.position, trace.predicted),
     ]
     curves = (("measured", trace.measured), ("predicted", trace.predicted))
     over_time = [Line(name, name, trace.time, y) for name, y in curves]
-    error = trace.measured - trace.predicted
-    time, worst = "time (s)" if record.timed else "sample", int(np.argmax(np.abs(error)))
-    time_of_worst = f"{trace.time[worst]:.4g} s" if record.timed else f"sample {trace.time[worst]:.0f}"
+    error, (unit, own) = trace.measured - trace.predicted, record.units
+    left = f"residual ({own or 'unit of the file'})"
+    time, worst = TIME if record.timed else "sample", int(np.argmax(np.abs(error)))
+    since = trace.time[worst] - trace.time[0]
+    time_of_worst = f"{since:.4g} s" if record.timed else f"sample {trace.time[worst]:.0f}"
     first, last = (float(np.mean(part)) for part in np.array_split(error, 2))
     size = float(np.sqrt(np.mean(error**2)))
     drift = 100.0 * abs(last - first) / size if size else 0.0
     moved = f"Does it drift? From half to half the mean residual changes by {drift:.2g} % of its rms."
     caption = f"Output against input: does {record.model} follow the loops? Residual "
     caption += f"{pages.format_percent(record.fitted)} of the output."
-    where = f"Does the model miss at some inputs? Most at {trace.position[worst]:.3g}."
+    place = f"{pages.write_minus(f'{trace.position[worst]:.3g}')} {unit}".rstrip()
+    where = f"Does the model miss at some inputs? Most at {place}."
 
     def draw_cloud(caption: str, label: str, x: FloatArray) -> Drawing:
         line = Line("residual", "cloud", x, error, joined=False)
-        return build_curve_figure(caption, (label, "residual"), [line], height=260.0)
+        return build_curve_figure(caption, (label, left), [line], height=230.0)
 
     drawn = [
         build_curve_figure(caption, labels, loops),
-        build_line_figure(f"When does it miss? Most at {time_of_worst}.", (time, labels[1]), over_time),
         draw_cloud(where, labels[0], trace.position),
-        build_line_figure(moved, (time, "residual"), [Line("residual", "final", trace.time, error)]),
+        build_line_figure(f"When does it miss? Most at {time_of_worst}.", (time, labels[1]), over_time),
+        build_line_figure(moved, (time, left), [Line("residual", "residual", trace.time, error)]),
     ]
     if record.timed:
         rate = np.gradient(trace.position, trace.time)
@@ -551,7 +552,7 @@ def _draw_branches(record: hysteresis.HysteresisRecord) -> Iterator[Drawing]:
         f"{100.0 * spread:.2g} % of their rms is scatter.",
         (
             f"change of {name} since the reversal ({unit or 'unit of the file'})",
-            f"change of {record.names[1]}",
+            f"change of {_label_axes(record)[1]}",
         ),
         moved,
         height=300.0,
@@ -572,29 +573,50 @@ def _draw_branches(record: hysteresis.HysteresisRecord) -> Iterator[Drawing]:
     )
 
 
-def write_element_page(path: Path, record: hysteresis.HysteresisRecord, *, source: str = "") -> Path:
-    """Write the page of an element and return the path; OutputError where it cannot be written."""
-    lead, second, *further = draw_element(record)
-    _, _, facts = blocks = show_element(record)
-    free = [entry for entry in record.parameters if entry.deviation > 0.0]
+def build_element_page(record: hysteresis.HysteresisRecord, *, source: str = "") -> pages.Page:
+    """Return the page of an element."""
+    lead, below, *further = draw_element(record)
+    table, tried, facts = show_element(record)
+    free = [one for one in record.parameters if one.deviation > 0.0 and not one.name.endswith("least")]
     known = [entry for entry in free if entry.deviation <= _POOR * abs(entry.value)]
-    return _write_page(
-        path,
+    (x, y), (unit, own) = record.names, record.units
+    units = (unit or f"[{x}]", own or f"[{y}]")
+    parameters = [
+        ParameterEstimate(
+            name=entry.name,
+            value=entry.value,
+            std=entry.deviation,
+            unit=joint_models.write_value_unit(entry.name, units),
+            reason=joint_models.describe_value(entry.name)[1],
+        )
+        for entry in known
+    ]
+    told = table if isinstance(table, Table) else Table((), ())
+    words = ("--input", x, "--output", y)
+    return _build_page(
         source or "element",
         "element with hysteresis",
         judge_element(record),
         (lead,),
         numbers=(
-            (pages.format_percent(record.held_out), _HELD_OUT),
-            (pages.format_percent(record.fitted), "in the fit itself"),
-            (f"{len(known)} of {len(free)}", "parameters known to half of their value"),
+            (f"{record.held_out:.3g} %", _HELD_OUT),
+            (f"{record.fitted:.3g} %", "in the fit itself"),
+            (f"{len(known)} of {len(free)}", "parameters with a std of at most half their value"),
         ),
         next_step=(
-            f"symid hysteresis {shlex.quote(source or 'FIT')} --input NAME --output NAME --validate FILE",
+            f"symid hysteresis {shlex.quote(source or 'FIT')} {shlex.join(words)} --validate FILE",
             "Test it on another recording",
         ),
-        blocks=("== Over time ==", second, "== Parameters ==", blocks[0], facts, "== Residual ==", *further),
-        more=("== Models that were tried ==", blocks[1]),
+        second=below,
+        blocks=(
+            "== Over time, cycles and branches ==",
+            *further,
+            "== Parameters ==",
+            replace(pages.tabulate_parameters(parameters, formulas=False), title=told.title),
+            *pages.draw_certainty(parameters),
+            *filter(None, (told.note, str(facts))),
+        ),
+        more=("== Models that were tried ==", tried),
         settings=(
             ("model", record.model),
             ("samples", str(record.samples)),

@@ -245,7 +245,8 @@ def show_code(made: "GeneratedFolder") -> tuple[Block, ...]:
         (name, *(counts[key] for key in counted), *(sizes[name][key] for key in measured if name in sizes))
         for name, counts in made.operations.items()
     ]
-    text = "next: README.md says how to use it; symid export ROBOT -o FILE.h writes its parameters"
+    guide = show_path(made.folder / "README.md")
+    text = f"next: {guide} says how to use it; symid export ROBOT -o FILE.h writes its parameters"
     return (
         summarise_code(made),
         Table(("function", *counted, *measured), rows),

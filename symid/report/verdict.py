@@ -20,7 +20,7 @@ Not supported: tests of the residual's whiteness; comparison between rows of dif
 import math
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from statistics import NormalDist
 from typing import Any
 
@@ -42,6 +42,7 @@ from symid.identification.estimators import (
 from symid.identification.friction import FrictionIdentification
 from symid.identification.judge import POLICY
 from symid.ipopt import Ending
+from symid.serialization import HIDDEN
 
 LEVELS = ("wrong", "doubtful", "usable", "good")
 """Of a verdict, the worst first."""
@@ -76,6 +77,7 @@ class FitVerdict:
         cause: the likeliest single cause in a sentence; empty where none is known.
         remedy: what to do about it.
         details: further sentences.
+        reasons: what the headline joins, a sentence each, where that is more than one.
     """
 
     level: str
@@ -83,6 +85,7 @@ class FitVerdict:
     cause: str = ""
     remedy: str = ""
     details: tuple[str, ...]
+    reasons: tuple[str, ...] = field(default=(), metadata=HIDDEN)
 
 
 def show_verdict(verdict: FitVerdict) -> str:
@@ -108,13 +111,14 @@ def list_verdict_notices(verdict: FitVerdict, file: str = "", *, tried: bool = F
 def _limit(level: str, headline: str, details: Sequence[str], caps: Caps) -> FitVerdict:
     """Return the verdict of a level and of what limits it."""
     level = min((level, *(cap for cap, _ in caps)), key=LEVELS.index)
-    reasons = [reason for cap, reason in caps if cap == "wrong"]
-    if reasons:
-        headline = f"{reasons[0][:1].upper()}{reasons[0][1:]}."
+    wrong = [reason for cap, reason in caps if cap == "wrong"]
+    reasons = (headline, *(f"{reason[:1].upper()}{reason[1:]}." for _, reason in caps))
+    if wrong:
+        headline = f"{wrong[0][:1].upper()}{wrong[0][1:]}."
     elif caps:
         headline = f"{headline} But {'; '.join(reason for _, reason in caps)}."
     remedy = _LOST_REMEDY if level == "wrong" else ""
-    return FitVerdict(level=level, headline=headline, details=tuple(details), remedy=remedy)
+    return FitVerdict(level=level, headline=headline, details=tuple(details), remedy=remedy, reasons=reasons)
 
 
 def _rate(percent: float) -> str:
@@ -278,7 +282,7 @@ def judge_identification(estimate: Estimate, validations: Sequence[Validation]) 
     details = [text, *([_FITTED] if len(held_out) < len(validations) else [])]
     # Small parameters of a large robot are uncertain in any log; their deviations say so.
     words, more = _judge_parameters(
-        estimate.parameters, estimate.refused, small=evidence is not None, drawn=estimate.drawn
+        estimate.parameters, estimate.refused, small=evidence is not None, simulated=estimate.simulated
     )
     if evidence is None:
         level, headline = _judge_prediction(estimate, held_out)
@@ -375,12 +379,12 @@ def _judge_parameters(
     tolerance: float = 0.0,
     *,
     small: bool = False,
-    drawn: bool = False,
+    simulated: bool = False,
 ) -> tuple[list[str], Caps]:
     """Return how well parameters are known and how near the truth they are, and what that limits.
 
     Within `tolerance` percent a true value counts as met, whatever its standard deviation; where parameters
-    may be `small`, uncertain ones limit nothing. Values that are `drawn` are none that should be met.
+    may be `small`, uncertain ones limit nothing. Only values that logs were `simulated` from are true ones.
     """
     details, caps = [], []
     uncertain, zero = _find_uncertain(parameters)
@@ -394,15 +398,11 @@ def _judge_parameters(
         if zero:
             details.append(f"Near zero, within {SIGNIFICANT:g} standard deviations: {', '.join(zero)}.")
     known = [entry for entry in parameters if entry.truth is not None]
-    # What makes a simulation states all values: a file with masses alone has those of a drawing.
-    drawn = drawn or len(known) < len(parameters)
-    if known:
+    if known and simulated:
         far = [entry.name for entry in known if not entry.near_truth]
-        kind = "values of the robot file" if drawn else "true values"
-        text = f"{len(known) - len(far)} of {len(known)} {kind} lie within three standard deviations"
+        text = f"{len(known) - len(far)} of {len(known)} true values lie within three standard deviations"
         details.append(f"{text}; not {', '.join(far)}." if far else f"{text}.")
-    missed = [] if drawn else _list_missed(known, tolerance)
-    if missed:
+    if simulated and (missed := _list_missed(known, tolerance)):
         level = "doubtful" if 2 * len(missed) > len(known) else "usable"
         caps.append((level, f"estimates differ significantly from true values: {', '.join(missed)}"))
     if not small and 2 * len(uncertain) > len(parameters):
@@ -484,11 +484,11 @@ def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
     # Without standard deviations nothing can be said of chance.
     parameters = estimate.parameters if estimate.covariance else ()
     words, more = _judge_parameters(
-        parameters, estimate.refused, 100.0 * POLICY.relevance, drawn=estimate.drawn
+        parameters, estimate.refused, 100.0 * POLICY.relevance, simulated=estimate.simulated
     )
     details += words
     errors = [(abs(entry.error_percent or 0.0), entry.name) for entry in estimate.parameters if entry.truth]
-    if errors:
+    if errors and estimate.simulated:
         error, name = max(errors)
         details.append(f"The largest error against a true value is {error:.2g} % ({name}).")
     return _limit(level, headline, details, caps + more)
@@ -529,14 +529,15 @@ def _judge_springs(trials: Sequence[ElasticTrial]) -> tuple[str, str, str]:
     All figures but that of linear springs are those of the trials' tables.
     """
     joints = [joint for trial in trials for joint in trial.joints]
-    dynamics = max(entry.relative_percent for trial in trials for entry in trial.residuals[0][1])
-    whole = f"{dynamics:.3g} % of a motor's torque"
+    tables = [entry for trial in trials for entry in trial.residuals[0][1]]
+    dynamics, motor = max((entry.relative_percent, entry.joint) for entry in tables)
+    whole = f"{dynamics:.3g} % of a motor's torque ({motor})"
     springs = [(joint, joint.final) for joint in joints if joint.final is not None]
     if len(springs) < len(joints):
         headline = f"On held-out motions the residual is at most {whole}."
         return _rate(dynamics), headline, "A joint has no identified spring: its torque cannot be predicted."
     # By the link's torque, which has the noise of encoders alone; the motor's is noise for weak joints.
-    spring = max(_compute_share(joint.link, final) for joint, final in springs)
+    spring, worst = max((_compute_share(joint.link, final), joint.joint) for joint, final in springs)
     linear = 0.0
     for joint in joints:
         # What the best linear spring leaves of the joint's torque by its link.
@@ -544,8 +545,8 @@ def _judge_springs(trials: Sequence[ElasticTrial]) -> tuple[str, str, str]:
         stiffness = float(joint.torsion @ joint.link) / scale if scale else 0.0
         linear = max(linear, _compute_share(joint.link, stiffness * joint.torsion))
     headline = (
-        f"On held-out motions the residual of the springs is at most {spring:.3g} % of a joint's torque, of "
-        f"the dynamics {whole}."
+        f"On held-out motions the residual of the springs is at most {spring:.3g} % of a joint's torque "
+        f"({worst}), of the dynamics {whole}."
     )
     verb = "better" if spring <= (1.0 - POLICY.relevance) * linear else "no better"
     text = f"The residual of the best linear springs is {linear:.3g} %: springs with memory predict {verb}."

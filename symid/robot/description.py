@@ -28,6 +28,7 @@ from symid.errors import Notice, RobotError, UsageError
 from symid.joint_models import Elasticity, FrictionValues
 from symid.notation import GRAVITY_SYMBOLS
 from symid.robot.geometry import IDENTITY, ZERO, Exact, Placement, compose_placements, place_joint
+from symid.serialization import compute_signature
 
 UNKNOWN = "unknown"
 """In place of gravity, or of the joints whose zeros are stated: a fit is to find it."""
@@ -442,6 +443,11 @@ class Robot:
     def elastic(self) -> tuple[bool, ...]:
         """Return for each coordinate whether its joint is elastic."""
         return tuple(joint.elasticity is not None for joint in self.axes)
+
+    @property
+    def values_signature(self) -> str:
+        """Return the signature of all values of the dynamics, which logs simulated from them carry."""
+        return compute_signature(self.joints, self.couplings, self.gravity, self.symbols)[:16]
 
     @property
     def driven(self) -> tuple[int, ...]:

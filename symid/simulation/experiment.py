@@ -379,6 +379,7 @@ def simulate_experiment(
             reference=desired,
             reference_velocity=speeds,
             source=f"simulated: {robot.name}, {trajectory.source}",
+            simulated=robot.values_signature,
             notices=(*notices, *plant.notices, *describe_saturation(robot, torque, order.limit)),
         ),
         q=log.q,
@@ -548,6 +549,7 @@ def observe(run: ElasticRun, sensors: SensorOptions, rng: Generator) -> Recordin
         torque=add_torque_noise(run.torque, sensors, rng),
         source=run.recording.source,
         notices=run.recording.notices,
+        simulated=run.recording.simulated,
     )
 
 
@@ -649,6 +651,7 @@ def simulate_elastic(
             motor_position=log.theta,
             torque=log.torque,
             source=f"simulated: {robot.name}, {trajectory.source}",
+            simulated=robot.values_signature,
             notices=(*notices, *describe_saturation(robot, log.torque, order.limit)),
         ),
         q=log.q,

@@ -66,7 +66,7 @@ function enliven(figure, svg) {
   const slider = tools.querySelector("input");
   const read = tools.querySelector("span");
   const back = tools.querySelector("button");
-  read.textContent = HINT;
+  if (!document.querySelector(".tools")) read.textContent = HINT;
   slider.setAttribute("aria-label", `Time of the cursor: ${svg.querySelector("title").textContent}`);
   slider.title = KEYS;
   slider.style.cssText = `margin-left: ${(100 * left) / 560}%; width: ${(100 * size.width) / 560}%`;

@@ -1,5 +1,6 @@
 """Pages of results in a headless Chromium: desk, telephone, paper; readable, quiet and complete."""
 
+import base64
 import re
 from pathlib import Path
 
@@ -137,6 +138,54 @@ def test_screen_readers_and_keyboards_reach_everything(browser, get_page, name):
         assert list_findings(browser) == []
 
 
+FRONT = """(() => { let behind = false; for (const x of [...document.querySelector('main').children]) {
+    behind = behind || x.id === 'parameters'; if (behind) x.remove(); }
+    document.querySelector('footer').remove() })()"""
+"""Leaves the pages before the appendix."""
+
+
+def count_printed(browser):
+    """Return the number of pages of the document on A4."""
+    printed = browser.call("Page.printToPDF", preferCSSPageSize=True, printBackground=True)["data"]
+    return len(re.findall(rb"/Type /Page\b", base64.b64decode(printed)))
+
+
+@pytest.mark.parametrize("name", ["emps", "kr300", "tx40", "held_out", "rigid_1", "hysteresis"])
+def test_a_page_is_printed_as_two_pages_and_an_appendix(browser, get_page, name):
+    browser.size(A4[0] - 98, A4[1])
+    browser.open(get_page(name))
+    whole = count_printed(browser)
+    browser.run(FRONT)
+    assert count_printed(browser) <= min(2, whole)
+
+
+@pytest.mark.parametrize("name", ["tx40", "held_out"])
+def test_the_hint_on_cursors_is_given_once(browser, get_page, name):
+    browser.size(1280, 900)
+    browser.open(get_page(name))
+    assert browser.run("document.querySelectorAll('.tools').length") > 1
+    assert browser.run("document.body.innerText.split('Move to read values').length") == 2
+
+
+def test_residual_and_loop_stand_below_one_another(browser, folder):
+    """Measured and predicted can be told apart: one is wider, and their difference is drawn."""
+    for width in (1280, 400):
+        browser.size(width, 900)
+        browser.open(folder / "hysteresis.html")
+        loop, residual = browser.run(
+            "[...document.querySelectorAll('.top figure')].map((x) => "
+            "(({ left, top, bottom, width }) => [left, top, bottom, width])(x.getBoundingClientRect()))"
+        )
+        assert residual[0] == pytest.approx(loop[0], abs=1.0)
+        assert residual[3] == pytest.approx(loop[3], abs=1.0)
+        assert residual[1] > loop[2] - 1.0
+        wide, thin = browser.run(
+            "['wide', 'predicted'].map((x) => parseFloat(getComputedStyle("
+            "document.querySelector('.top polyline.' + x)).strokeWidth))"
+        )
+        assert wide > 3.0 * thin
+
+
 BOX = """(() => { const b = document.querySelector('.top svg .plot').getBoundingClientRect();
     return [b.x, b.y, b.width, b.height] })()"""
 READ = "document.querySelector('.top .tools span').textContent"
@@ -170,9 +219,10 @@ def test_the_cursor_reads_the_data(browser, folder, held_out):
         place = {"x": x + share * width, "y": y + 0.5 * height}
         browser.call("Input.dispatchMouseEvent", type="mouseMoved", **place)
         time, *values = read_cursor(browser)
-        row = int(np.argmin(np.abs(series.time - time)))
-        assert time == pytest.approx(series.time[row], abs=1e-3)
-        assert time == pytest.approx(series.time[0] + share * np.ptp(series.time), abs=0.02)
+        since = series.time - series.time[0]
+        row = int(np.argmin(np.abs(since - time)))
+        assert time == pytest.approx(since[row], abs=1e-3)
+        assert time == pytest.approx(share * np.ptp(since), abs=0.02)
         expected = series.measured[row], series.predicted[row]
         assert values == pytest.approx(expected, rel=1e-3, abs=2e-4 * size)
 
@@ -216,6 +266,6 @@ def test_figures_are_complete_without_the_script(browser, folder):
     try:
         browser.open(folder / "held_out.html")
         assert browser.run("document.querySelectorAll('.tools').length") == 0
-        assert browser.run("document.querySelectorAll('.top svg > polyline').length") == 2
+        assert browser.run("document.querySelectorAll('.top svg[data-frame] > polyline').length") == 2
     finally:
         browser.call("Emulation.setScriptExecutionDisabled", value=False)

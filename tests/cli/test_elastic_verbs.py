@@ -107,9 +107,8 @@ def test_settings_of_signals_are_followed_or_refused(folder, estimate, tmp_path)
         assert fail(*verb, "--set", "processing.decimation.factor=2") == (2, "usage.elastic-processing")
 
 
-@pytest.mark.parametrize("options", [("--robot", ROBOT), ("--set", "processing.drop_first=3")])
-def test_a_report_without_logs_refuses_what_is_of_logs(estimate, tmp_path, options):
-    page = tmp_path / "page.html"
+def test_a_report_without_logs_refuses_what_is_of_logs(estimate, tmp_path):
+    page, options = tmp_path / "page.html", ("--set", "processing.drop_first=3")
     assert options[0] in hear(2, "usage.no-validation", "report", estimate, "-o", page, *options)
     assert not page.exists()
 

@@ -166,7 +166,8 @@ def test_values_of_a_drawing_are_no_truth(made, tmp_path):
     estimate = read_fit(tmp_path / "estimate.json")
     far = tuple(dataclasses.replace(entry, truth=2.0 * entry.value) for entry in estimate.parameters)
     levels = [
-        judge_fit(dataclasses.replace(estimate, parameters=far, drawn=drawn)).level for drawn in (False, True)
+        judge_fit(dataclasses.replace(estimate, parameters=far, simulated=simulated)).level
+        for simulated in (True, False)
     ]
     assert levels[0] == "doubtful"
     assert levels[1] != "doubtful"

@@ -113,6 +113,19 @@ def test_options_name_columns_and_units(folder):
     assert "new.unused-columns" in list_codes(answer)
 
 
+@pytest.mark.parametrize("name", ["dq", "ddq", "tau_ff"])
+def test_channels_that_an_identification_reads_are_not_called_unused(folder, name):
+    """What `new` calls unused is what `identify` calls so."""
+    units = {"dq": ("rad/s", "m/s"), "ddq": ("rad/s^2", "m/s^2"), "tau_ff": ("N m", "N")}[name]
+    extra = ",".join(f"{name}{k} [{units[k == 3]}]" for k in (1, 2, 3))
+    write_log(folder, f"t [s],q1 [rad],q2 [rad],q3 [m],tau1 [N m],tau2 [N m],tau3 [N],{extra},room [degC]")
+    answer = do(*order())
+    recording = read_recording(folder / "log.csv", read_robot(folder / "arm.toml"))
+    assert answer["result"]["log"]["unused"] == [*recording.extras] == ["room"]
+    (told,) = (entry for entry in answer["warnings"] if entry["code"] == "new.unused-columns")
+    assert told["text"].startswith("columns that are not used: room;")
+
+
 def test_units_are_given_for_each_column(folder):
     values = write_log(folder, "time [s],q1,q2 [rad],q3,tau0 [N m],tau1 [N m],tau2 [N]")
     answer = do(*order("--units", "position=deg,deg,mm"))

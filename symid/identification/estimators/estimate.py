@@ -381,6 +381,8 @@ class FitRecord:
         sources: the logs; settings: processing, log map and options, after overrides.
         refused: parameters or joints that are not identifiable from the logs, with the reason.
         notices: what a reader of the result should know.
+        simulated: whether all logs were simulated from the robot file, whose values are then the truth.
+        file: the robot's, empty where its name finds it.
     """
 
     kind: ClassVar[str]
@@ -391,6 +393,8 @@ class FitRecord:
     settings: Mapping[str, object]
     refused: tuple[tuple[str, str], ...] = ()
     notices: tuple[Notice, ...] = field(default=(), metadata=HIDDEN)
+    simulated: bool = field(default=False, metadata=HIDDEN)
+    file: str = field(default="", metadata=HIDDEN)
 
     @abstractmethod
     def list_mistakes(self) -> list[str]:
@@ -470,7 +474,6 @@ class DynamicsRecord(FitRecord):
         covariance: of `parameters`, row by row; empty where the method has none.
         laws: friction laws that were chosen or fitted with their shape values; empty where the robot file
             states them.
-        drawn: whether the robot was made from a URDF, whose values are those of a drawing and not the truth.
     """
 
     parameters: tuple[ParameterEstimate, ...]
@@ -478,7 +481,6 @@ class DynamicsRecord(FitRecord):
     condition: float
     covariance: tuple[tuple[float, ...], ...] = field(default=(), metadata=HIDDEN)
     laws: tuple[FittedLaw, ...] = ()
-    drawn: bool = field(default=False, metadata=HIDDEN)
 
     @property
     def mean_relative_percent(self) -> float:

@@ -64,6 +64,7 @@ def estimate():
         plain,
         robot="arm & hand",
         method="two-step",
+        simulated=True,
         reason="it explains <most>",
         parameters=(entry, replace(entry, name="MY1", value=1e-4, truth=0.0), *others),
         springs=tuple(replace(spring, elasticity=FOUND) for spring in plain.springs),
@@ -122,12 +123,12 @@ def test_the_whole_page_is_well_formed_escaped_and_needs_nothing_else(estimate, 
     assert "said once" in text
     assert reader.tags.count("script") == 1
     assert not re.search(r'@import|url\(|points="[^"]*nan', text)
-    # The first screen, loops, springs, parameters, methods, iterations, tracking.
-    assert reader.tags.count("svg") == 1 + 2 * 3 + 2 + 1 + 2 + 2 + 2
+    # The first screen, loops, springs, parameters, iterations, tracking.
+    assert reader.tags.count("svg") == 1 + 2 * 3 + 2 + 1 + 2 + 2
     assert reader.tags.count("title") == reader.tags.count("svg") + 1
     assert text.count("<table>") == text.count('<div class="scroll"') + 1
     heads = "Hysteresis loops|Springs|Parameters|Tracking|Methods|Convergence|Residual of &lt;held out&gt;"
-    heads += "|Residual of the fit|What each parameter groups|Notices|Settings"
+    heads += "|Residual of the fit|What each parameter groups|Details of the verdict|Notices|Settings"
     assert "|".join(re.findall(HEADING, text)) == heads
     for raw in ("<one>", "<held out>", "<most>", "<feed>", "arm & hand"):
         assert raw not in text
@@ -139,7 +140,8 @@ def test_the_whole_page_is_well_formed_escaped_and_needs_nothing_else(estimate, 
 
 def test_sections_without_data_are_left_out(estimate):
     text = write(replace(estimate, springs=(), history=(), trials=(), notices=()))
-    heads = "Parameters|Held-out logs|Methods|Residual of the fit|What each parameter groups|Settings"
+    heads = "Parameters|Held-out logs|Methods|Residual of the fit|What each parameter groups"
+    heads += "|Details of the verdict|Settings"
     assert "|".join(re.findall(HEADING, text)) == heads
     assert "--validation" in text
     assert 'class="verdict usable"' in text
@@ -210,9 +212,8 @@ def test_methods_are_compared_by_prediction_and_truth(estimate):
         ("linear-spring", "\N{EN DASH}", "0.8571"),
     ]
     assert table.picked == 0
-    words = [measure.partition(" (")[0].capitalize() for measure in table.header[1:3]]
-    captions = [block.caption for block in blocks if isinstance(block, Drawing)]
-    assert [caption.startswith(tuple(words)) for caption in captions].count(True) == 2
+    measured = show(replace(estimate, simulated=False))
+    assert find_table(measured, "Methods").header == ("method", "prediction error (noise = 1)", "outcome")
     unknown = tuple(replace(entry, truth=None) for entry in estimate.parameters)
     springs = tuple(replace(spring, truth=None) for spring in estimate.springs)
     blocks = show(replace(estimate, parameters=unknown, springs=springs))
@@ -302,7 +303,7 @@ def test_a_truth_that_is_met_within_a_percent_is_met(estimate, trial):
     far = tuple(replace(entry, value=0.36) for entry in sharp)
     verdict = judge(replace(estimate, parameters=(*kept[:2], *far)), good)
     assert verdict.level == "usable"
-    assert "ZZ2, IA1" in verdict.headline
+    assert "ZZ2, IA1" in verdict.reasons[-1]
 
 
 @pytest.mark.parametrize(

@@ -148,7 +148,8 @@ def test_the_stored_verdict_is_read_over_and_a_doubtful_one_warns(estimate, tmp_
     assert fit.estimate == estimate
     text = fit.save(tmp_path / "again.json").read_text(encoding="utf-8")
     assert text == (tmp_path / "fit.json").read_text(encoding="utf-8")
-    high = replace(estimate, parameters=tuple(replace(entry, truth=9.0) for entry in estimate.parameters))
+    high = tuple(replace(entry, truth=9.0) for entry in estimate.parameters)
+    high = replace(estimate, parameters=high, simulated=True)
     fit = symid.load_fit(store(high, tmp_path / "fit.json"))
     assert (fit.verdict.level, fit.notices[0].code) == ("doubtful", "identify.doubtful")
     assert fit.accepted
