@@ -13,7 +13,7 @@ Supported: all robots of the lesson. Not supported: readers without JavaScript, 
 import base64
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -37,12 +37,13 @@ from symid.lessons.chapters import (
     write_marked,
 )
 from symid.lessons.dynamic_chapters import build_lesson
-from symid.lessons.exercises import Exercise, draw_exercises, write_sheet
+from symid.lessons.exercises import Exercise, draw_exercises, list_spellings, load_spelling, write_sheet
 from symid.lessons.matrices import Parameterisation
-from symid.lessons.textbook import Book, write_symbol
+from symid.lessons.textbook import Book, get_book, write_symbol
+from symid.lessons.words import load_pairs, load_words
 from symid.robot import Robot
 
-_SCRIPTS = ("lesson", "identification")
+_SCRIPTS = ("formulas", "lesson", "identification")
 _FUNCTIONS = (
     *("mass_matrix", "coriolis_matrix", "gravity", "inverse_dynamics"),
     *("energy", "jacobian", "torque_regressor"),
@@ -83,15 +84,17 @@ def write_lesson_page(
     exercises: int = 0,
     seed: int = 0,
     logged: LoggedMotion | None = None,
+    language: str = "en",
 ) -> LessonPage:
     """Return the page of the lesson on `robot`, with so many exercises, drawn with `seed`.
 
     `logged` is offered among the motions whose information the page shows. A RobotError says that a symbolic
     length has no value.
     """
-    lesson = build_lesson(robot, book, form)
+    lesson = build_lesson(robot, book, form, language)
     chapters = lesson.chapters
-    drawn = draw_exercises(lesson, exercises, np.random.default_rng(seed))
+    words = load_words(language)
+    drawn = draw_exercises(lesson, exercises, np.random.default_rng(seed), words)
     if lesson.beta:
         chapters = (*chapters, _write_identification(lesson, logged))
     if drawn:
@@ -163,10 +166,24 @@ def write_lesson_page(
     template = (folder / "lesson.html").read_text(encoding="utf-8")
     # One pass: what is put in may hold such marks itself.
     html = re.sub(r"\{\{([A-Z]+)\}\}", lambda match: parts[match[1]], template)
-    answers = "".join(f"{k}. {one.prompt}\n   {one.answer}\n" for k, one in enumerate(drawn, start=1))
-    settings = {"exercises": exercises, "seed": seed, "notation": book.name, "parameters": form}
-    sheet = write_sheet(robot.name, drawn, settings) if drawn else ""
-    return LessonPage(html=html, answers=answers, sheet=sheet)
+    handed = write_handouts(lesson, drawn, {"exercises": exercises, "seed": seed, "parameters": form})
+    return LessonPage(html=html, answers=handed[0], sheet=handed[1])
+
+
+def write_handouts(
+    lesson: Lesson, drawn: Sequence[Exercise], settings: Mapping[str, object]
+) -> tuple[str, str]:
+    """Return the answers to exercises, and the sheet to fill in, as text; both empty without any."""
+    if not drawn:
+        return "", ""
+    answers = ""
+    for number, one in enumerate(drawn, start=1):
+        gap = " " if one.number is not None else ": "
+        answers += f"{number}. {one.plain}\n   {one.answer}{f'{gap}{one.note}' if one.note else ''}\n"
+    book, own = lesson.book, get_book(lesson.book.name)
+    angle = None if book.angle == own.angle else book.angle.removeprefix("\\")
+    settings = {**settings, "notation": book.name, "angle": angle, "lang": lesson.language}
+    return answers, write_sheet(lesson.robot.name, drawn, settings, load_words(lesson.language))
 
 
 def _write_json(value: object) -> str:
@@ -268,6 +285,13 @@ def _describe(lesson: Lesson) -> dict[str, object]:
             }
             for entry in lesson.model.base.parameters
         ],
+        "reading": {
+            **load_spelling(),
+            "names": list_spellings(lesson),
+            "joints": robot.size,
+            "turning": [k for k, joint in enumerate(robot.joints, start=1) if not joint.prismatic],
+        },
+        "words": dict(load_pairs(lesson.language)),
         "springs": [
             {"name": card.name, "value": card.value or 0.0, "unit": card.unit}
             for card in list_spring_parameters(robot)
@@ -319,7 +343,8 @@ _EXERCISES = Chapter(
 
 def _write_exercise(one: Exercise) -> str:
     """Return an exercise as a JavaScript object."""
-    parts = [f'"prompt": {_write_json(one.prompt)}', f'"answer": {_write_json(one.answer)}']
+    texts = {"prompt": one.prompt, "answer": one.answer, "latex": one.latex, "note": one.note}
+    parts = [f'"{key}": {_write_json(text)}' for key, text in texts.items()]
     if one.code:
         parts.append(f'"formula": (v) => {one.code}')
     if one.number is not None:

@@ -1,6 +1,7 @@
 // The lesson's page: typesets formulas, follows the posture, draws the arm, plots energies and hysteresis.
 const D = LESSON_DATA, F = LESSON_FUNCTIONS, N = D.coordinates.length, L = D.letters;
 const SVG = "http://www.w3.org/2000/svg";
+const tr = (text, ...values) => fillIn(D.words[text] || text, ...values);
 const make = (tag, attributes = {}, ...children) => {
   const node = document.createElement(tag);
   for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
@@ -610,52 +611,12 @@ widget("sides", (node) => {
   put("path", { d: "M 58 95 A 56 56 0 0 1 58 55", stroke: "var(--warm)" });
 });
 
-// Exercises: typed formulas are read here, and compared with the answer at random points.
-const readFormula = (text) => {
-  const tokens = text.replaceAll("\u2212", "-").replaceAll("**", "^").match(/\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+|[A-Za-z_]\w*|[-+*/^()]|\S/g) || [];
-  let at = 0;
-  const take = (token) => { if (tokens[at] !== token) throw new Error(`expected "${token}"${tokens[at] ? ` in place of "${tokens[at]}"` : " at the end"}`); at += 1; };
-  const sum = () => { let left = product(); while (tokens[at] === "+" || tokens[at] === "-") { const sign = tokens[at] === "+" ? 1 : -1, a = left; at += 1; const b = product(); left = (v) => a(v) + sign * b(v); } return left; };
-  const product = () => {
-    let left = signed();
-    for (;;) {
-      const a = left, token = tokens[at];
-      if (token === "*") { at += 1; const b = signed(); left = (v) => a(v) * b(v); }
-      else if (token === "/") { at += 1; const b = signed(); left = (v) => a(v) / b(v); }
-      else if (token !== undefined && /^[\w.(]/.test(token)) { const b = power(); left = (v) => a(v) * b(v); }
-      else return left;
-    }
-  };
-  const signed = () => { if (tokens[at] === "-") { at += 1; const a = signed(); return (v) => -a(v); } if (tokens[at] === "+") { at += 1; return signed(); } return power(); };
-  const power = () => { const a = atom(); if (tokens[at] !== "^") return a; at += 1; const b = signed(); return (v) => a(v) ** b(v); };
-  const atom = () => {
-    const token = tokens[at];
-    if (token === undefined) throw new Error("the formula is not finished");
-    at += 1;
-    if (token === "(") { const a = sum(); take(")"); return a; }
-    if (/^[\d.]/.test(token)) { const value = Number(token); return () => value; }
-    if (["sin", "cos", "sqrt"].includes(token)) { if (tokens[at] === "(") { at += 1; const a = sum(); take(")"); return (v) => Math[token](a(v)); } const a = atom(); return (v) => Math[token](a(v)); }
-    const wave = /^([scSC])(\d+)$/.exec(token);
-    if (wave && !(token in D.values)) { const joints = D.joints.length < 10 ? [...wave[2]] : [wave[2]], f = wave[1].toLowerCase() === "s" ? Math.sin : Math.cos; return (v) => f(joints.reduce((total, number) => total + v[`q${number}`], 0)); }
-    if (!/^[A-Za-z_]/.test(token)) throw new Error(`"${token}" was not expected`);
-    return (v) => { if (!(token in v)) throw new Error(`"${token}" is no letter of this lesson`); return v[token]; };
-  };
-  const whole = sum();
-  if (at < tokens.length) throw new Error(`"${tokens[at]}" was not expected`);
-  return whole;
-};
-const markFormula = (text, answer) => {
-  const found = readFormula(text);
-  for (const [name, formula] of LESSON_FORMULAS)
-    if (String(formula) === String(answer) && new RegExp(`\\b${name}\\b`).test(text)) throw new Error(`"${name}" is what is asked for`);
-  for (let trial = 0; trial < 8; trial += 1) {
-    const v = computeValues(state.q.map(() => 4 * Math.random() - 2), state.q.map(() => 4 * Math.random() - 2));
-    for (const name of [...Object.keys(D.values), ...Object.keys(D.standard)]) v[name] = 0.2 + Math.random();
-    for (const [name, formula] of LESSON_FORMULAS) v[name] = formula(v);
-    const right = answer(v);
-    if (!(Math.abs(found(v) - right) <= 1e-9 * Math.max(1, Math.abs(right)))) return false;
-  }
-  return true;
+// Exercises: typed formulas are compared with the answer at random points.
+const drawPoint = () => {
+  const v = computeValues(state.q.map(() => 4 * Math.random() - 2), state.q.map(() => 4 * Math.random() - 2));
+  for (const name of [...Object.keys(D.values), ...Object.keys(D.standard)]) v[name] = 0.2 + Math.random();
+  for (const [name, formula] of LESSON_FORMULAS) v[name] = formula(v);
+  return v;
 };
 widget("exercises", (node) => LESSON_EXERCISES.forEach((one, place) => {
   const box = make("div", { class: "exercise", id: `exercise-${place + 1}` }), verdict = make("span", { class: "verdict", role: "status" });
@@ -675,13 +636,15 @@ widget("exercises", (node) => LESSON_EXERCISES.forEach((one, place) => {
     const input = make("input", { type: "text", "aria-label": `Answer ${place + 1}`, autocomplete: "off", spellcheck: "false" });
     box.append(input, " ");
     const check = () => {
-      try { say(one.number === undefined ? markFormula(input.value, one.formula) : Math.abs(readFormula(input.value)({ ...D.values }) - one.number) <= 0.01 * Math.max(0.01, Math.abs(one.number))); } catch (error) { say(false, error.message); }
+      try { say(one.number === undefined ? compareFormula(input.value, one.formula, LESSON_FORMULAS, drawPoint, D.reading, tr) : Math.abs(evaluateNumber(readFormula(input.value, D.reading, tr), D.values, tr) - one.number) <= 0.01 * Math.max(0.01, Math.abs(one.number))); } catch (error) { say(false, error.message); }
     };
     button.addEventListener("click", check);
     input.addEventListener("keydown", (event) => { if (event.key === "Enter") check(); });
   }
-  const answer = make("details", {}, make("summary", {}, "Answer"), make("p", {}));
-  one.answer.split("$").forEach((part, k) => answer.lastChild.append(k % 2 ? tex(part) : part));
+  const answer = make("details", {}, make("summary", {}, tr("Answer"))), typed = make("p", {}, make("code", {}, one.answer));
+  if (one.latex) answer.append(make("p", {}, tex(one.latex)));
+  if (one.note) typed.append(one.number === undefined ? `: ${one.note}` : ` ${one.note}`);
+  answer.append(typed);
   box.append(button, verdict, answer);
   node.append(box);
 }));
