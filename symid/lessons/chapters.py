@@ -26,6 +26,7 @@ from symid.lessons.matrices import (
     derive_standard_transforms,
     find_standard_rows,
 )
+from symid.lessons.words import Words
 from symid.notation import INERTIAL
 from symid.robot import Exact, Placement, Robot
 
@@ -95,6 +96,18 @@ class Lesson:
     beta: tuple[float, ...]
     stand_ins: bool
     language: str
+
+
+def translate_chapter(chapter: Chapter, words: Words) -> Chapter:
+    """Return a chapter in the language of `words`, its formulas as they are but for words inside."""
+
+    def turn(item: Item) -> Item:
+        cells = tuple(tuple(map(words, row)) for row in item.rows)
+        latex = re.sub(r"\\text\{([^{}]*)\}", lambda match: rf"\text{{{words(match[1])}}}", item.latex)
+        text = words(item.text) if item.kind in ("text", "hint", "check", "details") else item.text
+        return replace(item, text=text, latex=latex, rows=cells, items=tuple(map(turn, item.items)))
+
+    return replace(chapter, title=words(chapter.title), items=tuple(map(turn, chapter.items)))
 
 
 _MARKED = re.compile(r"(\$[^$]+\$|`[^`]+`)")
@@ -357,31 +370,27 @@ def write_kinematics(writer: ChapterWriter) -> Iterator[Chapter]:
     """Yield the chapters from the transforms to the Jacobian."""
     recursion, robot, algebra = build_model_recursion(writer.model), writer.model.robot, writer.model.algebra
     standard = derive_standard_transforms(writer.model) if writer.book.standard else ()
+    s, c = writer.book.sine, writer.book.cosine
     short = (
-        []
-        if writer.book.long
-        else [
-            say(
-                f"${writer.book.sine}_j$ and ${writer.book.cosine}_j$ stand for sine and cosine of the angle "
-                f"of joint $j$, ${writer.book.cosine}_{{12}}$ for the cosine of the sum of two."
-            )
-        ]
+        f"${s}_j$ and ${c}_j$ stand for sine and cosine of the angle of joint $j$, ${c}_{{12}}$ for the "
+        "cosine of the sum of two."
     )
+    frames = "Rotation and origin of the frame of link $j$, in the frame of its parent:"
+    if standard:
+        frames = "The same for the frames of the velocities below, each in that of the link before:"
     matrices = []
     for index, frame in enumerate(recursion.frames):
         rotation = frame.fixed
         if frame.turn is not None:
-            (c, s), zero = frame.turn, algebra.zero
-            turn = ((c, algebra.neg(s), zero), (s, c, zero), (zero, zero, algebra.one))
+            (cosine, sine), zero = frame.turn, algebra.zero
+            turn = ((cosine, algebra.neg(sine), zero), (sine, cosine, zero), (zero, zero, algebra.one))
             rotation = algebra.multiply_matrices(rotation, turn)
         left = rf"{{}}^{{{robot.joints[index].parent + 1}}}T_{{{index + 1}}}"
         matrices.append(_write_transform(writer, left, rotation, frame.origin))
-    items: tuple[Item, ...] = tuple(_write_standard(writer, standard))
-    items += tuple(short)
-    items += (
-        say("Rotation and origin of the frame of link $j$, in the frame of its parent:")
-        if not standard
-        else say("The same for the frames of the velocities below, each in that of the link before:"),
+    items: tuple[Item, ...] = (
+        *_write_standard(writer, standard),
+        *(() if writer.book.long else (say(short),)),
+        say(frames),
         *_fold(matrices, "All transforms"),
     )
     yield Chapter("Transforms", "transforms", items)

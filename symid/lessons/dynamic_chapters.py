@@ -29,6 +29,7 @@ from symid.lessons.chapters import (
     require,
     say,
     show,
+    translate_chapter,
     write_base,
     write_frames,
     write_kinematics,
@@ -36,6 +37,7 @@ from symid.lessons.chapters import (
 )
 from symid.lessons.derivation import describe_friction
 from symid.lessons.textbook import Book, build_style, write_code, write_name, write_sum
+from symid.lessons.words import load_words
 from symid.robot import Robot
 
 _MOST_TERMS = 24
@@ -67,11 +69,13 @@ def build_lesson(
         chapters += _write_short(writer, derived)
     else:
         chapters += _write_long(writer, derived)
+    chapters += [*_write_joints(robot), *_write_elastic(robot, book)]
+    words = load_words(language)
     return Lesson(
         robot=robot,
         model=model,
         book=book,
-        chapters=(*chapters, *_write_joints(robot), *_write_elastic(robot, book)),
+        chapters=tuple(translate_chapter(chapter, words) for chapter in chapters),
         values=values,
         beta=beta,
         stand_ins=stand_ins,

@@ -9,7 +9,7 @@ Supported: English and German. Not supported: texts of robot files, comments of 
 import re
 import tomllib
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import cache, partial
 from typing import TypeAlias
 
 from symid.environment import locate_resource_folder
@@ -25,7 +25,7 @@ def load_pairs(language: str) -> Mapping[str, str]:
     path = locate_resource_folder("templates") / "lesson" / f"{language}.toml"
     if language == "en":
         return {}
-    return dict(tomllib.loads(path.read_text(encoding="utf-8"))["sentences"])
+    return dict(tomllib.loads(path.read_text(encoding="utf-8"))["pairs"])
 
 
 @cache
@@ -41,15 +41,23 @@ def load_words(language: str) -> Words:
             return pairs[text]
         for pattern, form in patterns:
             if match := pattern.fullmatch(text):
-                parts = [translate(match[f"part{k}"]) for k in range(len(match.groupdict()))]
-                return re.sub(r"\{(\d)\}", lambda place: parts[int(place[1])], form)  # noqa: B023  used at once
+                parts = match.groupdict()
+                return re.sub(r"\{(\d)\}", partial(_fill, translate, parts), form)
+        # A list of reasons, each behind its names.
+        for mark in ("; ", ": ") if pairs else ():
+            if mark in text:
+                return mark.join(map(translate, text.split(mark)))
         return text
 
     return translate
 
 
+def _fill(translate: Words, parts: Mapping[str, str], place: re.Match[str]) -> str:
+    return translate(parts[f"part{place[1]}"])
+
+
 def _write_pattern(text: str) -> str:
-    """Return a pattern for all texts of a form with {0}, {1}."""
+    """Return a pattern for all texts of a form with {0}, {1}; only behind a sign at the end are lists."""
     pieces = re.split(r"\{(\d)\}", text)
     seen: set[str] = set()
     pattern = ""
@@ -57,6 +65,8 @@ def _write_pattern(text: str) -> str:
         if k % 2 == 0:
             pattern += re.escape(piece)
         else:
-            pattern += f"(?P=part{piece})" if piece in seen else f"(?P<part{piece}>.+?)"
+            ends = k == len(pieces) - 2 and not pieces[-1] and pieces[k - 1].endswith((": ", ". "))
+            any_text = ".+?" if ends else "(?:(?!; |: ).)+?"
+            pattern += f"(?P=part{piece})" if piece in seen else f"(?P<part{piece}>{any_text})"
             seen.add(piece)
     return pattern

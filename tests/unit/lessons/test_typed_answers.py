@@ -1,4 +1,4 @@
-"""Answers typed as a lesson shows them are right, with another sign or index wrong: on the sheet and the page."""
+"""Answers typed as a lesson shows them are right, with another sign or index wrong: on sheet and page."""
 
 import json
 import re
