@@ -391,10 +391,7 @@ class Expression:
     parts: "tuple[Expression, ...]" = ()
 
 
-_NO_NAMES: Mapping[str, str] = {}
-
-
-def read_formula(text: str, names: Mapping[str, str] = _NO_NAMES) -> Expression:
+def read_formula(text: str, names: Mapping[str, str] | None = None) -> Expression:
     """Return a formula as a tree; an InputError says where it cannot be read."""
     reader = _Reader(re.findall(load_spelling()["token"], text.replace("**", "^"), re.ASCII), names)
     whole = reader.read_sum()
@@ -403,7 +400,7 @@ def read_formula(text: str, names: Mapping[str, str] = _NO_NAMES) -> Expression:
     return whole
 
 
-def read_answer(typed: str, names: Mapping[str, str] = _NO_NAMES) -> Expression:
+def read_answer(typed: str, names: Mapping[str, str] | None = None) -> Expression:
     """Return what a student typed as a tree, its letters by `names`; an InputError for a long one too."""
     longest = load_spelling()["longest"]
     if len(typed) > longest:
@@ -414,9 +411,9 @@ def read_answer(typed: str, names: Mapping[str, str] = _NO_NAMES) -> Expression:
 class _Reader:
     """The grammar above, one method a rule; `tokens` are those that are left."""
 
-    def __init__(self, tokens: list[str], names: Mapping[str, str]) -> None:
+    def __init__(self, tokens: list[str], names: Mapping[str, str] | None) -> None:
         self.tokens = tokens
-        self.names = names
+        self.names = names or {}
         self.depth = 0
 
     def _take(self, *wanted: str) -> str:

@@ -216,15 +216,18 @@ def test_a_german_page_has_no_english_on_it(browser, tmp_path, name):
         assert verdict in browser.run(f"{box}.querySelector('.verdict').textContent")
 
 
+LINES = (
+    "[...document.querySelectorAll('aside svg line')].filter((x) => x.getAttribute('opacity') === '0.75')"
+    ".map((x) => ['x1', 'y1', 'x2', 'y2', 'stroke-width'].map((key) => Number(x.getAttribute(key))))"
+)
+
+
 def test_a_prismatic_link_is_drawn_along_its_axis(visit):
     """The line from the guide to the link has the direction of z, wherever the joint stands."""
     browser = visit("scara")
     for d in (0.0, 0.15, -0.3):
         browser.run(f"window.lesson.move([0.3, 0.5, 0.2, {d}])")
-        lines = browser.run(
-            "[...document.querySelectorAll('aside svg line')]"
-            ".filter((x) => x.getAttribute('opacity') === '0.75').map((x) => ['x1', 'y1', 'x2', 'y2', 'stroke-width'].map((key) => Number(x.getAttribute(key))))"
-        )
+        lines = browser.run(LINES)
         thin = min(line[4] for line in lines)
         (rod,) = [line for line in lines if line[4] == thin]
         # The stroke is upright, and so it is in the picture.
