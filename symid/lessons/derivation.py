@@ -61,7 +61,7 @@ def _describe_frames(robot: Robot) -> Step:
         axis = "(" + ", ".join(str(row[2]) for row in place.rotation) + ")"
         origin = "(" + ", ".join(str(value) for value in place.translation) + ")"
         before = f"link {joint.parent + 1}" if joint.parent >= 0 else "the base"
-        motion = "turns about" if joint.kind is JointKind.REVOLUTE else "moves along"
+        motion = "revolute about" if joint.kind is JointKind.REVOLUTE else "prismatic along"
         text = f"{motion} z = {axis}, origin {origin} m, in the frame of {before}"
         if joint.mimic is not None:
             master = joint.mimic.master + 1
