@@ -16,6 +16,7 @@ from symid.lessons.chapters import list_items
 from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.exercises import (
     build_comparison,
+    evaluate_number,
     list_spellings,
     load_spelling,
     read_answer,
@@ -205,3 +206,19 @@ def test_python_and_the_page_read_the_same_trees():
 )
 def test_signs_become_letters(typed, plain):
     assert rewrite_formula(typed).strip() == plain
+
+
+@pytest.mark.parametrize("notation", ["siciliano", "craig"])
+@pytest.mark.parametrize("name", ["two_link", "ppr", "scara", "panda", "emps", "rrp"])
+def test_books_with_masses_have_them_for_every_robot(name, notation):
+    """Base parameters in masses, centres and rotors have the values that generated functions get."""
+    lesson = build(name, notation)
+    items = [item for item in list_formulas(lesson) if item.name.startswith("beta_")]
+    known = {item.name.removeprefix("beta_") for item in items}
+    assert known == {entry.name for entry in lesson.model.base.parameters}
+    for item in items:
+        value = evaluate_number(read_answer(item.sympy), lesson.values)
+        assert value == pytest.approx(lesson.values[item.name.removeprefix("beta_")], rel=1e-9, abs=1e-12)
+        assert re.search(r"\b(m|I)\d", item.sympy) or item.sympy.startswith(("IA", "K")), item.sympy
+    for item in list_formulas(build(name, "khalil")):
+        assert not item.name.startswith("beta_")
