@@ -155,6 +155,7 @@ class LessonLetters(TypedDict, total=False):
     parameters: LessonParameters | None
     angle: Literal["q", "theta"] | None
     long_sines: bool
+    lang: Literal["en", "de"]
 
 
 @final
@@ -339,8 +340,8 @@ class Derivation(Result):
     def html(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
         """Write the derivation as a page that follows the reader's posture, and return its path.
 
-        `path` ends in .html; the `letters` are the options `notation`, `parameters`, `angle` and
-        `long_sines` of `RobotModel.write_lesson`.
+        `path` ends in .html; the `letters` are the options `notation`, `parameters`, `angle`, `long_sines`
+        and `lang` of `RobotModel.write_lesson`.
 
         Raises:
             OutputError: the page cannot be written.
@@ -512,6 +513,7 @@ class RobotDynamics:
         exercises: int = 0,
         seed: int = 0,
         log: LogLike | None = None,
+        lang: Literal["en", "de"] = "en",
     ) -> WrittenLesson:
         """Write the derivation as one self-contained page: formulas, their numbers, checks, the arm to move.
 
@@ -523,10 +525,11 @@ class RobotDynamics:
                 takes symbols where the file has them, bodies in the books that use them, else base.
             angle: "q" or "theta" in place of the book's own letter.
             long_sines: write cos(q1 + q2) in place of c12.
-            exercises: how many stand at the end; a sheet to fill in (`check_answers` marks it) and the
-                answers go to text files beside the page.
+            exercises: how many stand at the end of a page or document; a sheet to fill in (`check_answers`
+                marks it) and the answers go to text files beside it.
             seed: of the exercises.
             log: a log or its file, whose motion (at most 30 s) the page offers beside drawn ones.
+            lang: language of the lesson, English or German ("de").
 
         Raises:
             RobotError: a symbolic length has no value.
@@ -537,27 +540,27 @@ class RobotDynamics:
         file, robot = Path(fspath(path)), self.description
         suffix = check_suffix(file, "a lesson", (".html", ".htm", ".tex", ".ipynb"))
         book = lessons.get_book(notation, angle=angle, long=long_sines)
-        if suffix in (".tex", ".ipynb") and (exercises or log is not None):
-            given = f"exercises={exercises}: they are" if exercises else "log: its motion is"
+        if (suffix == ".ipynb" and exercises) or (suffix in (".tex", ".ipynb") and log is not None):
+            given = "log: its motion is" if log is not None else f"exercises={exercises}: they are"
             what = f"{given} part of a page; write a .html for that"
             raise UsageError(Notice(code="usage.lesson-option", text=what))
         answers = sheet = executed = None
-        if suffix == ".tex":
-            text = lessons.write_lesson_tex(robot, book, parameters)
-        elif suffix == ".ipynb":
-            text, executed = lessons.write_lesson_notebook(robot, book, parameters, file.resolve().parent)
+        if suffix == ".ipynb":
+            folder = file.resolve().parent
+            text, executed = lessons.write_lesson_notebook(robot, book, parameters, folder, lang)
         else:
             sheet_file = file.with_suffix(".exercises.txt")
             if exercises and sheet_file.exists() and any(_read_sheet(sheet_file).answers.values()):
                 said = "has answers that were typed; move it, or name the page otherwise"
                 raise OutputError(Notice(code="output.answers", text=said, file=str(sheet_file)))
-            moved = None if log is None else _sample_log(robot, log)
-            page = lessons.write_lesson_page(
-                robot, book, parameters, exercises=exercises, seed=seed, logged=moved
-            )
+            write = lessons.write_lesson_tex
+            if suffix != ".tex":
+                moved = None if log is None else _sample_log(robot, log)
+                write = partial(lessons.write_lesson_page, logged=moved)
+            page = write(robot, book, parameters, exercises=exercises, seed=seed, language=lang)
             answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
             sheet = write_file(sheet_file, page.sheet) if page.sheet else None
-            text = page.html
+            text = page.text
         return WrittenLesson(
             robot=robot,
             path=write_file(file, text),

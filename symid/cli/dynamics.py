@@ -36,9 +36,10 @@ from symid.options import GenerateOptions
 )
 @cli.MODEL("--angle", "Letter of angles in the page.", click.Choice(("q", "theta")))
 @cli.MODEL("--long-sines", "Write cos(q1 + q2) in place of c12 in the page.", is_flag=True)
+@cli.OUTPUT("--lang", "Language of the page.", click.Choice(("en", "de")), default="en")
 @cli.OUTPUT(
     "--exercises",
-    "Exercises at the end of the page, with a file of answers.",
+    "Exercises at the end of the page or document, with a file of answers.",
     click.IntRange(0, 50),
     default=0,
 )
@@ -66,7 +67,7 @@ def derive_command(console: Console, *, robot: cli.NamedRobot, latex: bool, **op
     if given:
         (page,) = given.values()
         return make_answer(robot.load(console).write_lesson(page, **options))
-    unused = [name for name, value in options.items() if value not in (None, False, "symid", 0)]
+    unused = [name for name, value in options.items() if value not in (None, False, "symid", "en", 0)]
     if unused:
         what = "the sheet says how it was drawn" if check else "only for a page; add --html FILE"
         text = f"--{unused[0].replace('_', '-')}: {what}"

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
         Algebra as Algebra,
         FloatAlgebra as FloatAlgebra,
         Label as Label,
+        Matrix as Matrix,
         RobotState as RobotState,
         Vector as Vector,
         build_state as build_state,

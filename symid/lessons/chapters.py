@@ -9,7 +9,7 @@ Supported: robots of the exact algebra. Not supported: more than one tool; loops
 
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations_with_replacement, product
 from typing import TypeAlias
 
@@ -19,9 +19,16 @@ from sympy.polys.rings import PolyElement
 from symid import dynamics
 from symid.errors import Notice, SymidError
 from symid.lessons import textbook
-from symid.lessons.matrices import LessonModel, build_model_recursion
+from symid.lessons.matrices import (
+    LessonModel,
+    build_model,
+    build_model_recursion,
+    derive_standard_transforms,
+    find_standard_rows,
+)
+from symid.lessons.words import Words
 from symid.notation import INERTIAL
-from symid.robot import Exact, Robot
+from symid.robot import Exact, Placement, Robot
 
 WRITTEN_OUT = 3
 """Joints up to which a lesson writes everything out."""
@@ -34,7 +41,8 @@ class Item:
 
     Args:
         kind: "text", "formula", "matrix", "table", "check"; "widget" and "hint" of the page alone.
-        text: of a text or check; the summary where there are `items`, which a reader opens.
+        text: of a text or check; the summary where there are `items`, which a reader opens; the right side of
+            a formula in plain letters of the book.
         latex: of a formula. name: of its value, for later formulas. code: its value in JavaScript.
         sympy: the right side for SymPy. unit: of the value.
         rows: of a table, the first its head; or of a matrix of formulas.
@@ -77,7 +85,7 @@ class Lesson:
     Attributes:
         robot: of the file. model: what the formulas are written in. book: their letters.
         values: of lengths and parameters. stand_ins: whether some were made up.
-        beta: the base parameters, in the order of generated functions.
+        beta: the base parameters, in the order of generated functions. language: one of `LANGUAGES`.
     """
 
     robot: Robot
@@ -87,6 +95,19 @@ class Lesson:
     values: Mapping[str, float]
     beta: tuple[float, ...]
     stand_ins: bool
+    language: str
+
+
+def translate_chapter(chapter: Chapter, words: Words) -> Chapter:
+    """Return a chapter in the language of `words`, its formulas as they are but for words inside."""
+
+    def turn(item: Item) -> Item:
+        cells = tuple(tuple(map(words, row)) for row in item.rows)
+        latex = re.sub(r"\\text\{([^{}]*)\}", lambda match: rf"\text{{{words(match[1])}}}", item.latex)
+        text = words(item.text) if item.kind in ("text", "hint", "check", "details") else item.text
+        return replace(item, text=text, latex=latex, rows=cells, items=tuple(map(turn, item.items)))
+
+    return replace(chapter, title=words(chapter.title), items=tuple(map(turn, chapter.items)))
 
 
 _MARKED = re.compile(r"(\$[^$]+\$|`[^`]+`)")
@@ -140,6 +161,7 @@ class ChapterWriter:
             name=name,
             code=textbook.write_code(total, "v") if name else "",
             sympy=textbook.write_code(total),
+            text=textbook.write_text(total, self.book, list_slides(self.model.robot)).replace("**", "^"),
             unit=unit.replace("^2", "²"),
         )
 
@@ -169,13 +191,20 @@ def build_values(robot: Robot, model: LessonModel) -> tuple[dict[str, float], tu
     missing = [entry for entry in base.parameters if entry.name not in known]
     pairs = product(enumerate(bodies), enumerate(INERTIAL))
     numbers = {(link, name): body[k] for (link, body), (k, name) in pairs}
+    rotors = {link: joint.drive.rotor_inertia for link, joint in enumerate(robot.joints)}
+    numbers |= {(link, "IA"): value for link, value in rotors.items() if value is not None}
     defaults = {"IA": 0.1, "KS": 10.0, "KR": 0.0}
     grouping = dynamics.build_grouping(robot, base)
     standard = np.array([numbers.get(label, defaults.get(label[1], 0.0)) for label in grouping.labels])
     made = zip(grouping.parameters, map(float, grouping.matrix @ standard), strict=True)
     stand_ins = {entry.name: value for entry, value in made}
     beta = {entry.name: known.get(entry.name, stand_ins[entry.name]) for entry in base.parameters}
-    values = {**dict(model.robot.symbols), **beta}
+    drives = {
+        dynamics.write_label(robot, label): x
+        for label, x in zip(grouping.labels, standard.tolist(), strict=True)
+        if label[1] == "IA"
+    }
+    values = {**dict(model.robot.symbols), **drives, **beta}
     for number, body in enumerate(bodies, start=1):
         # Mass, centre of mass and central inertia by the letters of lessons.
         mass = body[9]
@@ -229,43 +258,81 @@ def _write_degrees(cosine: Exact, sine: Exact) -> str:
 
 
 def _write_row(writer: ChapterWriter, index: int) -> tuple[str, ...]:
-    """Return the row of a joint: kind, parent, alpha, a, theta, d where it has one, else its placement."""
+    """Return the row of a joint: type, parent, alpha, a, theta, d where it has one, else its placement."""
     joint = writer.model.robot.joints[index]
     (xx, xy, xz), (_, _, yz), (_, _, zz) = joint.placement.rotation
     x, y, z = joint.placement.translation
-    kind = "slides" if joint.prismatic else "turns"
+    kind = "prismatic" if joint.prismatic else "revolute"
     start = (str(index + 1), joint.name, kind, str(joint.parent + 1) if joint.parent >= 0 else "base")
     if xz:
         axis = ", ".join(_write_exact(value, writer) for value in (xz, yz, zz))
         origin = ", ".join(_write_exact(value, writer) for value in (x, y, z))
         return (*start, f"$z = ({axis})$", "", "", f"$p = ({origin})$")
     # d of a row whose axis is (0, -sin alpha, cos alpha).
-    turn, offset = _write_degrees(xx, -xy), _write_exact(yz * y + zz * z, writer)
-    q = writer.coordinate(index)
-    own = f"{q} + {turn}" if turn != "0" else q
-    theta, d = (turn, f"{q} + {offset}" if offset != "0" else q) if joint.prismatic else (own, offset)
-    return (*start, f"${_write_degrees(zz, -yz)}$", f"${_write_exact(x, writer)}$", f"${theta}$", f"${d}$")
+    theta, d = _write_variables(writer, index, _write_degrees(xx, -xy), yz * y + zz * z)
+    return (*start, f"${_write_degrees(zz, -yz)}$", f"${_write_exact(x, writer)}$", theta, d)
 
 
-_CONVERTED = " The file has standard rows; they were converted exactly."
+def _write_variables(writer: ChapterWriter, index: int, turn: str, offset: Exact) -> tuple[str, str]:
+    """Return theta and d of a row, the coordinate of its joint in one of them."""
+    q, d = writer.coordinate(index), _write_exact(offset, writer)
+    if writer.model.robot.joints[index].prismatic:
+        return f"${turn}$", f"${q} + {d}$" if d != "0" else f"${q}$"
+    return f"${q} + {turn}$" if turn != "0" else f"${q}$", f"${d}$"
 
 
-def write_frames(writer: ChapterWriter, robot: Robot) -> Chapter:
-    """Return the chapter on the frames of `robot`, whose file has these lengths as numbers."""
-    model, book = writer.model, writer.book
-    letters = rf"${book.length}$", rf"${book.offset}$"
-    head = ("joint", "name", "motion", "after", r"$\alpha$", letters[0], r"$\theta$", letters[1])
-    rows = tuple(_write_row(writer, index) for index in range(robot.size))
-    items = [
-        say(
-            f"Every link has a frame whose $z$ axis is the axis of its joint. The table holds the rows of "
-            f"modified Denavit-Hartenberg parameters: from the frame before, turn by $\\alpha$ about $x$, "
-            f"move by {letters[0]} along it, turn by $\\theta$ about the new $z$, move by {letters[1]} along "
-            f"it.{_CONVERTED if robot.convention == 'standard' else ''}"
-        ),
-        Item("table", rows=(head, *rows)),
-        Item("widget", "frames"),
-    ]
+def _write_standard_row(
+    writer: ChapterWriter, index: int, near: Placement, far: Placement
+) -> tuple[str, ...]:
+    """Return the standard row of a joint: type, parent, a, alpha, d, theta."""
+    joint, ((xx, _, _), (yx, _, _), _) = writer.model.robot.joints[index], near.rotation
+    theta, d = _write_variables(writer, index, _write_degrees(xx, yx), near.translation[2])
+    length, turn = (
+        _write_exact(far.translation[0], writer),
+        _write_degrees(far.rotation[2][2], far.rotation[2][1]),
+    )
+    start = str(index + 1), joint.name, "prismatic" if joint.prismatic else "revolute"
+    return (*start, str(index) if index else "base", f"${length}$", f"${turn}$", d, theta)
+
+
+def _write_table(writer: ChapterWriter) -> Iterator[Item]:
+    """Yield the table of frames: standard rows where book and robot have them, else modified ones."""
+    book, robot = writer.book, writer.model.robot
+    a, d = rf"${book.length}$", rf"${book.offset}$"
+    standard = find_standard_rows(robot) if book.standard else ()
+    if standard:
+        yield say(
+            f"Frame $j$ is fixed to link $j$; its $z$ axis is the axis of joint $j + 1$. The table has the "
+            f"standard Denavit-Hartenberg parameters: from frame $j - 1$, turn by $\\theta$ about its $z$ "
+            f"axis, the axis of joint $j$, move by {d} along it, move by {a} along the new $x$ axis, turn by "
+            f"$\\alpha$ about it."
+        )
+        head = ("joint", "name", "type", "parent", a, r"$\alpha$", d, r"$\theta$")
+        yield Item(
+            "table",
+            rows=(head, *(_write_standard_row(writer, k, *row) for k, row in enumerate(standard))),
+        )
+        yield say(
+            "Below, from the velocities on, frame $j$ is the one that the table reaches after its first two "
+            "steps: its $z$ axis is the axis of joint $j$ itself, so that the parameters of link $j$ are "
+            "about its own axis. The drawing shows these frames."
+        )
+        return
+    yield say(
+        f"Every link has a frame whose $z$ axis is the axis of its joint. The table has the modified "
+        f"Denavit-Hartenberg parameters: from the frame of the parent, turn by $\\alpha$ about $x$, move by "
+        f"{a} along it, turn by $\\theta$ about the new $z$, move by {d} along it."
+    )
+    if robot.convention == "standard":
+        yield say("The file has standard rows; they were converted exactly.")
+    head = ("joint", "name", "type", "parent", r"$\alpha$", a, r"$\theta$", d)
+    yield Item("table", rows=(head, *(_write_row(writer, index) for index in range(robot.size))))
+
+
+def write_frames(writer: ChapterWriter) -> Chapter:
+    """Return the chapter on the frames."""
+    model = writer.model
+    items = [*_write_table(writer), Item("widget", "frames")]
     if model.lengths:
         named = [
             (f"${writer.symbol(name)}$", f"{value:g}", "m/s²" if name == "g" else "m")
@@ -274,14 +341,13 @@ def write_frames(writer: ChapterWriter, robot: Robot) -> Chapter:
         items.append(say("Lengths of the file have names, so that formulas show where they come from:"))
         items.append(Item("table", rows=(("letter", "value", "unit"), *named)))
     followers = [
-        rf"joint {k} follows joint {joint.mimic.master + 1}: ${writer.coordinate(k - 1)} = "
-        rf"{textbook.write_number(abs(joint.mimic.multiplier))}\,{writer.coordinate(joint.mimic.master)}$"
-        + (" with the other sign" if joint.mimic.multiplier < 0 else "")
-        for k, joint in enumerate(robot.joints, start=1)
+        rf"Joint {k} follows joint {joint.mimic.master + 1}: ${writer.coordinate(k - 1)} = "
+        rf"{'-' if joint.mimic.multiplier < 0 else ''}{textbook.write_number(abs(joint.mimic.multiplier))}"
+        rf"\,{writer.coordinate(joint.mimic.master)}$."
+        for k, joint in enumerate(model.robot.joints, start=1)
         if joint.mimic is not None
     ]
-    if followers:
-        items.append(say("; ".join(followers).capitalize() + "."))
+    items += map(say, followers)
     gravity = ", ".join(_write_exact(value, writer) for value in model.robot.gravity)
     items.append(say(f"Gravity is $({gravity})$ in the base frame."))
     return Chapter("Frames", "frames", tuple(items))
@@ -303,23 +369,30 @@ def _fold(items: Sequence[Item], title: str, most: int = 4) -> tuple[Item, ...]:
 def write_kinematics(writer: ChapterWriter) -> Iterator[Chapter]:
     """Yield the chapters from the transforms to the Jacobian."""
     recursion, robot, algebra = build_model_recursion(writer.model), writer.model.robot, writer.model.algebra
-    text = "A row of the table is a homogeneous transform: rotation and origin of link $j$"
-    if not writer.book.long:
-        text += (
-            " in the frame of the link before. $s_j$ and $c_j$ stand for sine and cosine of the joint's angle"
-        )
+    standard = derive_standard_transforms(writer.model) if writer.book.standard else ()
+    s, c = writer.book.sine, writer.book.cosine
+    short = (
+        f"${s}_j$ and ${c}_j$ stand for sine and cosine of the angle of joint $j$, ${c}_{{12}}$ for the "
+        "cosine of the sum of two."
+    )
+    frames = "Rotation and origin of the frame of link $j$, in the frame of its parent:"
+    if standard:
+        frames = "The same for the frames of the velocities below, each in that of the link before:"
     matrices = []
     for index, frame in enumerate(recursion.frames):
         rotation = frame.fixed
         if frame.turn is not None:
-            (c, s), zero = frame.turn, algebra.zero
-            turn = ((c, algebra.neg(s), zero), (s, c, zero), (zero, zero, algebra.one))
+            (cosine, sine), zero = frame.turn, algebra.zero
+            turn = ((cosine, algebra.neg(sine), zero), (sine, cosine, zero), (zero, zero, algebra.one))
             rotation = algebra.multiply_matrices(rotation, turn)
-        pairs = zip(rotation, frame.origin, strict=True)
-        rows = [[writer.latex(value) for value in (*row, x)] for row, x in pairs]
         left = rf"{{}}^{{{robot.joints[index].parent + 1}}}T_{{{index + 1}}}"
-        matrices.append(write_matrix(left, [*rows, ["0", "0", "0", "1"]]))
-    items: tuple[Item, ...] = (say(f"{text}."), *_fold(matrices, "All transforms"))
+        matrices.append(_write_transform(writer, left, rotation, frame.origin))
+    items: tuple[Item, ...] = (
+        *_write_standard(writer, standard),
+        *(() if writer.book.long else (say(short),)),
+        say(frames),
+        *_fold(matrices, "All transforms"),
+    )
     yield Chapter("Transforms", "transforms", items)
     law = (
         r"\omega_j = R_j^{\mathsf T}\,\omega_{j-1} + \dot q_j\, z, \qquad "
@@ -334,10 +407,11 @@ def write_kinematics(writer: ChapterWriter) -> Iterator[Chapter]:
     items = (
         say(
             r"From the base outwards: the velocity of the link before, in the axes of this link, plus that "
-            r"of its own joint. $R_j$ and $p_j$ are rotation and origin in the transform above; a joint that "
-            r"slides adds $\dot q_j z$ to $v_j$ instead."
+            r"of its own joint. $R_j$ and $p_j$ are rotation and origin in the transform above. At a "
+            r"revolute joint,"
         ),
         show(law.replace(r"\dot q", rf"\dot {writer.book.angle}")),
+        say(rf"A prismatic joint adds $\dot {writer.book.slide}_j\, z$ to $v_j$ instead."),
         *_fold(vectors, "Velocities of the links", 8),
     )
     if len(shown) < robot.size:
@@ -345,12 +419,13 @@ def write_kinematics(writer: ChapterWriter) -> Iterator[Chapter]:
     yield Chapter("Velocities", "velocities", items)
     items = (
         say(
-            "The column of joint $j$ is the velocity of the last link per unit of its rate: with the axis "
-            "$z_j$ and the origin $p_j$ in the base frame,"
+            "The column of joint $j$ is the velocity of the last link per unit of its rate. With the axis "
+            "$z_j$ and the origin $p_j$ in the base frame, it is for a revolute joint, and for a prismatic "
+            "one,"
         ),
         show(
             r"J_j = \begin{bmatrix} z_j \times (p_n - p_j) \\ z_j \end{bmatrix}, \qquad "
-            r"J_j = \begin{bmatrix} z_j \\ 0 \end{bmatrix} \text{ for a joint that slides.}"
+            r"J_j = \begin{bmatrix} z_j \\ 0 \end{bmatrix}."
         ),
     )
     if robot.size <= WRITTEN_OUT + 1:
@@ -364,6 +439,45 @@ def write_kinematics(writer: ChapterWriter) -> Iterator[Chapter]:
         items += (say("Those beyond are products of the transforms; their numbers follow the posture."),)
     items += (Item("widget", "jacobian"),)
     yield Chapter("Jacobian", "jacobian", items)
+
+
+def _write_standard(
+    writer: ChapterWriter,
+    transforms: Sequence[tuple[dynamics.Matrix[PolyElement], dynamics.Vector[PolyElement]]],
+) -> Iterator[Item]:
+    """Yield the matrices A of standard rows, and for short robots their product."""
+    if not transforms:
+        return
+    algebra, upper = writer.model.algebra, writer.book.name == "siciliano"
+    yield say("A row of the table is a homogeneous transform, from frame $j - 1$ to frame $j$:")
+    total: tuple[dynamics.Matrix[PolyElement], dynamics.Vector[PolyElement]] | None = None
+    items = []
+    for number, (rotation, origin) in enumerate(transforms, start=1):
+        items.append(
+            _write_transform(
+                writer, f"A{f'^{{{number - 1}}}' if upper else ''}_{{{number}}}", rotation, origin
+            )
+        )
+        if total is None:
+            total = rotation, origin
+        else:
+            moved = algebra.add_vectors(algebra.apply_matrix(total[0], origin), total[1])
+            total = algebra.multiply_matrices(total[0], rotation), moved
+    yield from _fold(items, "All matrices $A$")
+    if total is not None and 1 < len(transforms) <= WRITTEN_OUT:
+        yield say("Their product places the last frame in the base:")
+        yield _write_transform(writer, f"T^{{0}}_{{{len(transforms)}}}", *total)
+
+
+def _write_transform(
+    writer: ChapterWriter,
+    left: str,
+    rotation: dynamics.Matrix[PolyElement],
+    origin: dynamics.Vector[PolyElement],
+) -> Item:
+    """Return left = the homogeneous matrix of a rotation and an origin."""
+    rows = [[writer.latex(value) for value in (*row, x)] for row, x in zip(rotation, origin, strict=True)]
+    return write_matrix(left, [*rows, ["0", "0", "0", "1"]])
 
 
 # Parameters.
@@ -399,12 +513,20 @@ def write_base(writer: ChapterWriter) -> Chapter:
         Item("table", rows=tuple(rows), text="base"),
         Item("details", lost_title, items=(Item("table", rows=lost_rows),)),
     ]
-    if model.form != "base":
-        items.append(say("In the letters of this lesson:"))
+    own = writer
+    if model.form == "base" and writer.book.bodies:
+        # Of a long robot, whose formulas are in base parameters.
+        own = replace(writer, model=build_model(robot, "bodies", book=writer.book))
+    if own.model.form != "base":
+        formulas = []
         for entry in base.parameters:
-            left, value = writer.symbol(entry.name), model.parameters[entry.label]
+            left, value = writer.symbol(entry.name), own.model.parameters[entry.label]
             unit = dynamics.get_label_unit(robot, entry.label)
-            items.append(writer.formula(left, value, f"beta_{entry.name}", unit))
+            formulas.append(own.formula(left, value, f"beta_{entry.name}", unit))
+        title = "In masses, centres of mass and central inertias"
+        if own.model.form == "symbols":
+            title = "In the letters of the robot file"
+        items += [say(f"{title}:"), *formulas] if own is writer else _fold(formulas, title, 0)
     return Chapter("Base parameters", "base", tuple(items))
 
 

@@ -17,13 +17,14 @@ from sympy.polys.rings import PolyElement
 from symid import dynamics, joint_models
 from symid.lessons.chapters import WRITTEN_OUT, require
 from symid.lessons.matrices import (
+    PLAIN_BOOK,
     build_exact_point,
     build_model,
     check_mass_is_curvature,
     check_skew,
     derive_equations,
 )
-from symid.lessons.textbook import Product, Sum, build_style, get_book, write_latex, write_sum, write_text
+from symid.lessons.textbook import Product, Sum, build_style, write_latex, write_sum, write_text
 from symid.notation import INERTIAL
 from symid.robot import JointKind, Robot
 
@@ -60,7 +61,7 @@ def _describe_frames(robot: Robot) -> Step:
         axis = "(" + ", ".join(str(row[2]) for row in place.rotation) + ")"
         origin = "(" + ", ".join(str(value) for value in place.translation) + ")"
         before = f"link {joint.parent + 1}" if joint.parent >= 0 else "the base"
-        motion = "turns about" if joint.kind is JointKind.REVOLUTE else "moves along"
+        motion = "revolute about" if joint.kind is JointKind.REVOLUTE else "prismatic along"
         text = f"{motion} z = {axis}, origin {origin} m, in the frame of {before}"
         if joint.mimic is not None:
             master = joint.mimic.master + 1
@@ -81,7 +82,7 @@ def _describe_frames(robot: Robot) -> Step:
 
 def _write_sum(terms: Sequence[tuple[Fraction, str]]) -> str:
     """Return a sum of multiples such as `q1 - 63/100*q2`."""
-    return write_text(Sum(tuple(Product(factor, ((name, 1),)) for factor, name in terms)))
+    return write_text(Sum(tuple(Product(factor, ((name, 1),)) for factor, name in terms)), PLAIN_BOOK)
 
 
 def _describe_energy(energy: dynamics.ExactEnergy, base: dynamics.BaseParameters) -> Step:
@@ -125,11 +126,11 @@ def _describe_matrices(robot: Robot) -> list[Step]:
     require(check_mass_is_curvature(equations), "M is not the second derivative of the kinetic energy")
     require(check_skew(equations), "dM/dt - 2C is not skew")
     size, sums = range(robot.freedom), equations.model.sums
-    style = build_style(get_book("symid"), frozenset(k + 1 for k in size if robot.axes[k].prismatic))
+    style = build_style(PLAIN_BOOK, frozenset(k + 1 for k in size if robot.axes[k].prismatic))
 
     def write(letter: str, value: PolyElement, *place: int) -> Formula:
         total, below = write_sum(value, sums), "".join(str(k + 1) for k in place)
-        text, right = write_text(total).replace("**", "^"), write_latex(total, style)
+        text, right = write_text(total, PLAIN_BOOK).replace("**", "^"), write_latex(total, style)
         return Formula(f"{letter}{below}", text, right, f"{letter}_{{{below}}}")
 
     mass = [write("M", equations.mass[i][j], i, j) for i in size for j in size if j >= i]

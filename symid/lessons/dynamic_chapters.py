@@ -12,6 +12,7 @@ Not supported: a closed form of C beyond four joints; branches of other models (
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 from sympy.polys.rings import PolyElement
 
@@ -28,49 +29,68 @@ from symid.lessons.chapters import (
     require,
     say,
     show,
+    translate_chapter,
     write_base,
     write_frames,
     write_kinematics,
     write_matrix,
 )
 from symid.lessons.derivation import describe_friction
-from symid.lessons.textbook import Book, build_style, write_code, write_sum
+from symid.lessons.textbook import Book, build_style, write_code, write_name, write_sum
+from symid.lessons.words import load_words
 from symid.robot import Robot
 
 _MOST_TERMS = 24
 """Products of the longest element of M with which four joints are written out too."""
 
 
-def build_lesson(robot: Robot, book: Book, form: matrices.Parameterisation | None = None) -> Lesson:
+def build_lesson(
+    robot: Robot, book: Book, form: matrices.Parameterisation | None = None, language: str = "en"
+) -> Lesson:
     """Return the lesson on `robot` in the letters of `book`; a SymidError where derivations do not agree."""
-    known = any(joint.inertial is not None for joint in robot.joints)
+    book = fit_book(book, robot)
     plain = all(joint.form is None for joint in robot.joints)
-    if form is None and book.name in ("siciliano", "craig") and known and robot.freedom <= WRITTEN_OUT:
-        form = "bodies" if plain else None
+    forms: tuple[matrices.Parameterisation | None, ...] = (form,)
+    if form is None and book.bodies and plain:
+        forms = ("bodies", None)
     equations = None
-    if robot.freedom <= WRITTEN_OUT + 1:
-        equations = matrices.derive_equations(matrices.build_model(robot, form))
-        elements = (write_sum(value, equations.model.sums) for row in equations.mass for value in row)
-        if robot.freedom > WRITTEN_OUT and any(one.count_terms() > _MOST_TERMS for one in elements):
-            equations = None
-    derived = equations or matrices.derive_composites(robot)
+    for one in forms if robot.freedom <= WRITTEN_OUT + 1 else ():
+        found = matrices.derive_equations(matrices.build_model(robot, one, book=book))
+        elements = (write_sum(value, found.model.sums) for row in found.mass for value in row)
+        if robot.freedom <= WRITTEN_OUT or all(x.count_terms() <= _MOST_TERMS for x in elements):
+            equations = found
+            break
+    derived = equations or matrices.derive_composites(robot, book)
     model = derived.model
     writer = ChapterWriter(model=model, book=book, style=build_style(book, list_slides(robot)))
     values, beta, stand_ins = build_values(robot, model)
-    chapters = [write_frames(writer, robot), *write_kinematics(writer)]
+    chapters = [write_frames(writer), *write_kinematics(writer)]
     if isinstance(derived, matrices.Equations):
         chapters += _write_short(writer, derived)
     else:
         chapters += _write_long(writer, derived)
+    chapters += [*_write_joints(robot), *_write_elastic(robot, book)]
+    words = load_words(language)
     return Lesson(
         robot=robot,
         model=model,
         book=book,
-        chapters=(*chapters, *_write_joints(robot), *_write_elastic(robot, book)),
+        chapters=tuple(translate_chapter(chapter, words) for chapter in chapters),
         values=values,
         beta=beta,
         stand_ins=stand_ins,
+        language=language,
     )
+
+
+def fit_book(book: Book, robot: Robot) -> Book:
+    """Return the letters of a book for a robot: no coordinate is called as a symbol of its file."""
+    if book.name == "symid" and robot.convention == "standard":
+        book = replace(book, standard=True, shift=-1)
+    slides, names = list_slides(robot), {name for name, _ in robot.symbols}
+    if names & {write_name(f"q{number}", book, slides) for number in range(1, robot.size + 1)}:
+        return replace(book, angle="q", slide="q", coordinates="q")
+    return book
 
 
 # Short robots: all is written out.
@@ -137,7 +157,7 @@ def _write_short(writer: ChapterWriter, equations: matrices.Equations) -> Iterat
         mass.append(write_matrix(M, shown))
     for i, row in enumerate(equations.mass):
         for j, value in enumerate(row[i:], start=i):
-            unit = "kg m²" if value else ""
+            unit = _find_unit(writer, i, j)
             mass.append(writer.formula(rf"{M}_{{{i + 1}{j + 1}}}", value, f"M{i + 1}_{j + 1}", unit))
     yield Chapter(
         "Inertia matrix",
@@ -148,7 +168,7 @@ def _write_short(writer: ChapterWriter, equations: matrices.Equations) -> Iterat
                 rf"{M}({q})\,\dot {q}$; the inertia matrix ${M}$ is symmetric, and positive definite for "
                 rf"physical bodies."
             ),
-            *mass,
+            *_gather_zeros(mass),
             Item(
                 "check",
                 f"exact: ${M}$ from composite bodies equals the second derivatives of ${T}$ by the rates, "
@@ -199,13 +219,32 @@ def _is_small(texts: Sequence[Sequence[str]], most: int) -> bool:
     return all(len(re.sub(r"\\,|\\mathit|\{", "", text)) <= most for row in texts for text in row)
 
 
+def _find_unit(writer: ChapterWriter, i: int, j: int) -> str:
+    """Return the unit of an element of the inertia matrix: of revolute and prismatic joints."""
+    return ("kg", "kg m", "kg m²")[sum(not writer.model.robot.axes[k].prismatic for k in (i, j))]
+
+
+def _gather_zeros(items: Sequence[Item]) -> list[Item]:
+    """Return formulas with those that are zero in one sentence at the end."""
+    end, found = " = 0", list[Item]()
+    zero = [item for item in items if item.kind == "formula" and item.latex.endswith(end)]
+    for item in items:
+        found.append(replace(item, kind="value", latex="") if item in zero else item)
+    names = ", ".join(f"${item.latex.removesuffix(end)}$" for item in zero)
+    if zero:
+        found.append(say(f"These are zero: {names}."))
+    return found
+
+
 def _write_gravity(writer: ChapterWriter, values: Sequence[PolyElement]) -> list[Item]:
     """Return the torques at rest, one a coordinate."""
     units = ["N" if joint.prismatic else "N m" for joint in writer.model.robot.axes]
-    return [
-        writer.formula(rf"{writer.book.gravity}_{{{k}}}", value, f"g{k}_", unit)
-        for k, (value, unit) in enumerate(zip(values, units, strict=True), start=1)
-    ]
+    return _gather_zeros(
+        [
+            writer.formula(rf"{writer.book.gravity}_{{{k}}}", value, f"g{k}_", unit)
+            for k, (value, unit) in enumerate(zip(values, units, strict=True), start=1)
+        ]
+    )
 
 
 def _find_ratio(value: PolyElement, known: PolyElement) -> PolyElement | None:
@@ -222,9 +261,12 @@ def _write_coriolis(writer: ChapterWriter, equations: matrices.Equations) -> Cha
     M, C, q = writer.book.mass, writer.book.coriolis, writer.book.coordinates
     # Christoffel symbols that differ by more than a sign and a number have letters: h, or h with a number.
     found: list[PolyElement] = []
-    for value in equations.christoffel.values():
+    units: list[str] = []
+    for place, value in equations.christoffel.items():
         if value and not any(_find_ratio(value, known) for known in found):
             found.append(value)
+            turning = sum(not writer.model.robot.axes[joint].prismatic for joint in place)
+            units.append(("kg", "kg m", "kg m²")[turning - 1])
     single = len(found) == 1
     named = [
         ("h" if single else f"h_{{{k}}}", "h" if single else f"h{k}", value)
@@ -243,7 +285,8 @@ def _write_coriolis(writer: ChapterWriter, equations: matrices.Equations) -> Cha
     ]
     if not named:
         items.append(say(f"The inertia matrix does not depend on the posture: ${C} = 0$."))
-    items += [writer.formula(letter, value, name, "kg m²") for letter, name, value in named]
+    pairs = zip(named, units, strict=True)
+    items += [writer.formula(letter, value, name, unit) for (letter, name, value), unit in pairs]
     items += _write_products(writer, equations, named) if named else []
     items.append(Item("check", rf"exact: $\dot {M} - 2{C}$ plus its transpose is the zero polynomial"))
     items.append(Item("widget", "skew"))
@@ -285,8 +328,9 @@ def _write_products(
     items = []
     for (i, j), name in names.items():
         latex = rf"{C}_{{{i + 1}{j + 1}}} = {texts[i][j]}"
-        items.append(Item("formula", latex=latex, name=name, code=codes[i, j], unit="kg m²/s"))
-    return items
+        unit = f"{_find_unit(writer, i, j)}/s"
+        items.append(Item("formula", latex=latex, name=name, code=codes[i, j], unit=unit))
+    return _gather_zeros(items)
 
 
 def _write_law(book: Book) -> list[Item]:
@@ -333,7 +377,7 @@ def _write_long(writer: ChapterWriter, composites: matrices.Composites) -> Itera
     rows: dict[int, list[Item]] = {}
     comma = "," if robot.size > 9 else ""
     for (i, j), value in sorted(composites.mass.items()):
-        left, unit = rf"{book.mass}_{{{i + 1}{comma}{j + 1}}}", "kg m²" if value else ""
+        left, unit = rf"{book.mass}_{{{i + 1}{comma}{j + 1}}}", _find_unit(writer, i, j)
         rows.setdefault(i, []).append(writer.formula(left, value, f"M{i + 1}_{j + 1}", unit))
     mass = (
         say(
@@ -341,7 +385,7 @@ def _write_long(writer: ChapterWriter, composites: matrices.Composites) -> Itera
             f"its joint, about the axis of joint $i$. Every element in closed form:"
         ),
         *(
-            Item("details", f"Row {i + 1}", items=tuple(row), name="open" if i < 3 else "")
+            Item("details", f"Row {i + 1}", items=tuple(_gather_zeros(row)), name="open" if i < 3 else "")
             for i, row in rows.items()
         ),
         Item(

@@ -7,17 +7,20 @@ Lesson, seed -> `Exercise`s: gaps in formulas, groups to name, torques at rest, 
 
 The sheet says with which settings it was drawn, so that it is marked without further options.
 
-A typed formula -> `Expression` -> exact value in the algebra of the lesson, compared with what was derived.
+A typed formula, rewritten by the rules of `templates/lesson/spelling.toml` -> `Expression` -> exact value in
+the algebra of the lesson, compared with what was derived. The page's script reads by the same rules, the same
+table of names and this grammar; tests hold both against each other.
 
     sum      product (("+" | "-") product)*
     product  signed (("*" | "/") signed | power)*          m2 lc2 g is a product
     signed   ("+" | "-") signed | power
     power    atom ("^" signed)?
-    atom     number | letter | (sin | cos | sqrt) atom | "(" sum ")"
+    atom     number | letter | (sin | cos | sqrt) ("^" number)? atom | "(" sum ")"
 
-c12 stands for cos(q1 + q2). An answer is a quotient of two polynomials. What is wrong differs from the answer
-at an exact rational point; what is called right is the same polynomial, s^2 + c^2 = 1 used, or, beyond three
-joints, the same at further exact points. Nothing is rounded, nothing evaluated by Python.
+c12 stands for cos(q1 + q2); letters are those that the page shows, or those of code. An answer is a quotient
+of two polynomials. What is wrong differs from the answer at an exact rational point; what is called right is
+the same polynomial, s^2 + c^2 = 1 used, or, beyond three joints, the same at further exact points. Nothing is
+rounded, nothing evaluated by Python.
 
 Supported: all robots of the lesson, all that its page reads, sines of whole multiples of joint angles.
 Not supported: sheets whose questions were changed; sines of numbers or lengths, powers that are not whole.
@@ -26,10 +29,12 @@ Not supported: sheets whose questions were changed; sines of numbers or lengths,
 import math
 import operator
 import re
+import tomllib
+import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import reduce
+from functools import cache, partial, reduce
 from itertools import repeat
 from typing import Any, NoReturn, TypeAlias, cast
 
@@ -40,11 +45,22 @@ from sympy.polys.rings import PolyRing
 
 from symid import dynamics
 from symid.dynamics import ExactAlgebra, PointAlgebra
+from symid.environment import locate_resource_folder
 from symid.errors import InputError, Notice
-from symid.lessons.chapters import WRITTEN_OUT, Lesson, list_items
+from symid.lessons.chapters import WRITTEN_OUT, Lesson, list_items, list_slides
 from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.matrices import Parameterisation
-from symid.lessons.textbook import BOOK_NAMES, add_angles, get_book, write_code, write_sum, write_symbol
+from symid.lessons.textbook import (
+    BOOK_NAMES,
+    add_angles,
+    get_book,
+    write_code,
+    write_name,
+    write_sum,
+    write_symbol,
+    write_text,
+)
+from symid.lessons.words import LANGUAGES, Words, load_words
 from symid.notation import INERTIAL
 from symid.robot import Robot
 
@@ -57,21 +73,31 @@ _SMALL_TORQUE = 1e-9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Exercise:
-    """A question: its answer as text, and as JavaScript `code`, a `number`, or one of `options`."""
+    """A question, on the page and as `plain` text, its answer as text, and why.
+
+    Args:
+        prompt: of the page, its formulas in LaTeX. plain: the same as text. note: the reason of the answer.
+        latex: of the answer. code: the answer in JavaScript; or a `number`; or one of `options`.
+    """
 
     prompt: str
+    plain: str
     answer: str
+    note: str = ""
+    latex: str = ""
     code: str = ""
     number: float | None = None
     options: tuple[tuple[str, bool], ...] = ()
 
 
-def draw_exercises(lesson: Lesson, count: int, rng: np.random.Generator) -> tuple[Exercise, ...]:
-    """Return exercises on a lesson: formulas, groups, torques at rest, parameters without effect."""
+def draw_exercises(
+    lesson: Lesson, count: int, rng: np.random.Generator, words: Words = str
+) -> tuple[Exercise, ...]:
+    """Return exercises on a lesson, in its language: formulas, groups, torques at rest, lost parameters."""
     makers = (_ask_formula, _ask_group, _ask_torque, _ask_effect)
     found: dict[str, Exercise] = {}
     for k in range(50 * count):
-        one = makers[k % len(makers)](lesson, rng)
+        one = makers[k % len(makers)](lesson, rng, words)
         if one is not None:
             found.setdefault(one.prompt, one)
         if len(found) == count:
@@ -79,34 +105,44 @@ def draw_exercises(lesson: Lesson, count: int, rng: np.random.Generator) -> tupl
     return tuple(found.values())
 
 
-def _ask_formula(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
+def _ask_formula(lesson: Lesson, rng: np.random.Generator, words: Words) -> Exercise | None:
     items = [item for chapter in lesson.chapters for item in list_items(chapter.items)]
     known = [x for x in items if x.code and x.name[:1] in set("Mgh") and 4 < len(x.sympy) <= _LONGEST_ANSWER]
     if not known:
         return None
     item = known[int(rng.integers(len(known)))]
     left, _, right = item.latex.partition(" = ")
-    return Exercise(prompt=f"What is ${left}$?", answer=f"${right}$, as text {item.sympy}", code=item.code)
+    ask = words("What is {0}?").format
+    plain = rewrite_formula(left).replace("_", "").strip()
+    return Exercise(prompt=ask(f"${left}$"), plain=ask(plain), answer=item.text, latex=right, code=item.code)
 
 
-def _ask_group(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
-    robot, base = lesson.model.robot, lesson.model.base
-    groups = [entry for entry in base.parameters if len(entry.terms) > 1]
+def _ask_group(lesson: Lesson, rng: np.random.Generator, words: Words) -> Exercise | None:
+    robot, model, slides = lesson.robot, lesson.model, list_slides(lesson.robot)
+    groups = [entry for entry in model.base.parameters if len(entry.terms) > 1]
     if not groups:
         return None
     entry = groups[int(rng.integers(len(groups)))]
-    symbol = write_symbol(entry.name, lesson.book)
-    ring, terms = lesson.model.algebra.ring, []
+    symbol = write_symbol(entry.name, lesson.book, slides)
+    ring, terms = model.algebra.ring, []
     for label, factor in entry.terms:
-        share = write_sum(ring.from_expr(factor), lesson.model.sums)
-        terms.append((dynamics.write_label(robot, label), write_code(share, "v"), write_code(share)))
-    code = " + ".join(f"({share})*v.{name}" for name, share, _ in terms)
-    text = " + ".join(name if share == "1" else f"({share})*{name}" for name, _, share in terms)
-    prompt = f"Which standard parameters does ${symbol}$ stand for? Write the sum, as XX8 + a9*MX9."
-    return Exercise(prompt=prompt, answer=f"{text}: {entry.reason}", code=code)
+        share, name = write_sum(ring.from_expr(factor), model.sums), dynamics.write_label(robot, label)
+        text = write_text(share, lesson.book, slides).replace("**", "^")
+        long = len(share.products) > 1
+        product = name if text == "1" else f"{f'({text})' if long else text}*{name}"
+        terms.append((f"({write_code(share, 'v')})*v.{name}", product.replace("-1*", "-")))
+    code, texts = (" + ".join(parts) for parts in zip(*terms, strict=True))
+    ask = words("Which standard parameters does {0} stand for? Write the sum, as XX8 + {1}9*MX9.").format
+    return Exercise(
+        prompt=ask(f"${symbol}$", lesson.book.length),
+        plain=ask(entry.name, lesson.book.length),
+        answer=texts.replace("+ -", "- "),
+        note=words(entry.reason),
+        code=code,
+    )
 
 
-def _ask_torque(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
+def _ask_torque(lesson: Lesson, rng: np.random.Generator, words: Words) -> Exercise | None:
     robot = lesson.robot
     q = [round(float(x), 1) for x in rng.uniform(-1.5, 1.5, robot.freedom)]
     # Torques at rest, springs included, by the Newton-Euler recursion in doubles.
@@ -121,16 +157,24 @@ def _ask_torque(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
     joint = int(rng.integers(robot.freedom))
     if abs(torques[joint]) < _SMALL_TORQUE:
         return None
-    posture = ", ".join(f"{x:g}" for x in q)
-    unit = "N" if robot.axes[joint].prismatic else "N m"
-    prompt = (
-        f"With the values of this page, which torque ({unit}) holds joint {robot.coordinates[joint] + 1} "
-        f"at rest at q = ({posture})? To one percent."
+    slides = robot.axes[joint].prismatic
+    what, unit = ("force", "N") if slides else ("torque", "N m")
+    ask = words(
+        f"With the values of this page, which {what} ({unit}) holds joint {{0}} at rest at {{1}} = ({{2}})? "
+        "To one percent."
+    ).format
+    place, q_text = robot.coordinates[joint] + 1, ", ".join(f"{x:g}" for x in q)
+    letter = lesson.book.coordinates
+    return Exercise(
+        prompt=ask(place, f"${letter}$", q_text),
+        plain=ask(place, rewrite_formula(letter).strip(), q_text),
+        answer=f"{torques[joint]:.5g}",
+        note=unit,
+        number=torques[joint],
     )
-    return Exercise(prompt=prompt, answer=f"{torques[joint]:.5g} {unit}", number=torques[joint])
 
 
-def _ask_effect(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
+def _ask_effect(lesson: Lesson, rng: np.random.Generator, words: Words) -> Exercise | None:
     robot, base = lesson.model.robot, lesson.model.base
     gone = [entry for entry in base.eliminated if entry.reason.startswith("no effect")]
     kept = [entry for entry in base.parameters if entry.label[1] in INERTIAL]
@@ -141,15 +185,20 @@ def _ask_effect(lesson: Lesson, rng: np.random.Generator) -> Exercise | None:
     labels = [lost.label, *(entry.label for entry in others)]
     names = [(dynamics.write_label(robot, label), label == lost.label) for label in labels]
     options = tuple((f"${write_symbol(name, lesson.book)}$", right) for name, right in sorted(names))
-    listed = ", ".join(name for name, _ in sorted(names))
-    prompt = f"Which of these parameters can no motion of this robot show, and why? ({listed})"
-    return Exercise(prompt=prompt, answer=f"{lost.name}: {lost.reason}", options=options)
+    ask = words("Which of these parameters can no motion of this robot show, and why? ({0})").format
+    return Exercise(
+        prompt=ask(", ".join(text for text, _ in options)),
+        plain=ask(", ".join(name for name, _ in sorted(names))),
+        answer=lost.name,
+        note=words(lost.reason),
+        options=options,
+    )
 
 
 # The sheet.
 
-_SETTINGS = "# drawn with: "
-_ANSWER = re.compile(r"answer\s+(\d+)\s*[=:]\s*(.*)")
+_SETTING = re.compile(r"--([a-z-]+) (\S+)")
+_ANSWER = re.compile(r"(?:answer|Antwort)\s+(\d+)\s*[=:]\s*(.*)", re.IGNORECASE)
 _PROMPT = re.compile(r"(\d+)\.\s+(.*)")
 _SHARE = 0.01
 """Of a torque, to which it is wanted."""
@@ -164,17 +213,22 @@ class AnswerSheet:
     answers: Mapping[int, str]
 
 
-def write_sheet(robot: str, exercises: Sequence[Exercise], settings: Mapping[str, object]) -> str:
+def write_sheet(
+    robot: str, exercises: Sequence[Exercise], settings: Mapping[str, object], words: Words = str
+) -> str:
     """Return the sheet for students: every question, and a line for its answer."""
-    drawn = ", ".join(f"{name} {value}" for name, value in settings.items() if value is not None)
+    drawn = " ".join(f"--{name} {value}" for name, value in settings.items() if value is not None)
     lines = [
-        f"# Exercises on {robot}. Type each answer behind its =; it may go on in indented lines.",
-        "# Formulas as m2*lc2*g*cos(q1 + q2), or shorter m2 lc2 g c12; numbers as formulas too; or a name.",
-        "# To mark: symid derive ROBOT --check FILE",
-        f"{_SETTINGS}{drawn}",
+        words("# Exercises on {0}. Type each answer behind its =; it may go on in indented lines.").format(
+            robot
+        ),
+        words("# Formulas in the letters of the lesson: m2*lc2*g*cos(q1 + q2), or shorter m2 lc2 g c12."),
+        words("# Numbers may be formulas too; where one of several is asked for, type its name."),
+        words("# To mark: symid derive ROBOT --check FILE"),
+        words("# Written with: {0}").format(drawn),
     ]
     for number, one in enumerate(exercises, start=1):
-        lines += ["", f"{number}. {one.prompt}", f"answer {number} ="]
+        lines += ["", f"{number}. {one.plain}", words("answer {0} =").format(number)]
     return "\n".join(lines) + "\n"
 
 
@@ -183,9 +237,8 @@ def read_sheet(text: str, file: str) -> AnswerSheet:
     settings, prompts, answers = dict[str, str](), dict[int, str](), dict[int, str]()
     notices, last = list[Notice](), 0
     for place, line in enumerate(text.splitlines(), start=1):
-        if line.startswith(_SETTINGS):
-            pairs = (part.split(maxsplit=1) for part in line.removeprefix(_SETTINGS).split(","))
-            settings = {pair[0]: pair[1].strip() for pair in pairs if len(pair) == 2}
+        if line.startswith("#") and "--exercises" in line:
+            settings = dict(_SETTING.findall(line))
         elif match := _PROMPT.match(line):
             prompts[int(match[1])], last = match[2].strip(), 0
         elif match := _ANSWER.match(line.strip()):
@@ -197,8 +250,8 @@ def read_sheet(text: str, file: str) -> AnswerSheet:
         elif last and line[:1].isspace() and line.strip():
             answers[last] = f"{answers[last]} {line.strip()}".strip()
     if not settings:
-        what = f'no line "{_SETTINGS.strip()}" with the settings of the exercises; take the sheet that '
-        what += "symid derive ROBOT --html FILE --exercises N wrote"
+        what = "no line with the settings of the exercises (# Written with: --exercises ...); take the sheet "
+        what += "that symid derive ROBOT --html FILE --exercises N wrote"
         notices.append(Notice(code="lesson.no-sheet", text=what, file=file))
     if notices:
         raise InputError(*notices)
@@ -221,16 +274,20 @@ def mark_sheet(robot: Robot, sheet: AnswerSheet, file: str) -> tuple[MarkedAnswe
 
     An InputError says that its settings cannot be read, or that its questions are others.
     """
-    settings = {"notation": "symid", "seed": "0", **sheet.settings}
-    form = settings.get("parameters")
-    known = form in (None, "base", "symbols", "bodies") and settings["notation"] in BOOK_NAMES
+    settings = {"notation": "symid", "seed": "0", "lang": "en", **sheet.settings}
+    form, angle = settings.get("parameters"), settings.get("angle")
+    known = form in (None, "base", "symbols", "bodies") and angle in (None, "q", "theta")
+    known = known and settings["notation"] in BOOK_NAMES and settings["lang"] in LANGUAGES
     if not (known and settings["seed"].isdigit() and settings.get("exercises", "").isdigit()):
-        text = f'the line "{_SETTINGS.strip()}" was changed: it has exercises, seed, notation and parameters'
+        text = "its line with settings was changed: it has exercises, seed, notation, parameters, angle, lang"
         raise InputError(Notice(code="lesson.settings", text=text, file=file))
-    lesson = build_lesson(robot, get_book(settings["notation"]), cast("Parameterisation | None", form))
+    lesson = build_lesson(
+        robot, get_book(settings["notation"], angle=angle), cast("Parameterisation | None", form)
+    )
     rng = np.random.default_rng(int(settings["seed"]))
-    drawn = draw_exercises(lesson, min(int(settings["exercises"]), MOST_EXERCISES), rng)
-    asked = {number: one.prompt for number, one in enumerate(drawn, start=1)}
+    count = min(int(settings["exercises"]), MOST_EXERCISES)
+    drawn = draw_exercises(lesson, count, rng, load_words(settings["lang"]))
+    asked = {number: one.plain for number, one in enumerate(drawn, start=1)}
     if asked != dict(sheet.prompts):
         text = f"its questions are not those of {robot.name} with these settings; give the robot that the "
         text += "sheet was written for, or write it again with this version"
@@ -243,10 +300,10 @@ def mark_sheet(robot: Robot, sheet: AnswerSheet, file: str) -> tuple[MarkedAnswe
             if not typed:
                 mark = "empty"
             elif one.options:
-                name = one.answer.partition(":")[0]
-                right = re.sub(r"[\s_{}$]", "", typed) == re.sub(r"[\s_]", "", name)
+                chosen = read_answer(typed, comparison.names)
+                right = chosen.text == comparison.names.get(one.answer, one.answer)
             elif one.number is not None:
-                value = evaluate_number(read_answer(typed), lesson.values)
+                value = evaluate_number(read_answer(typed, comparison.names), lesson.values)
                 right = abs(value - one.number) <= _SHARE * max(_SHARE, abs(one.number))
                 note = f"{value:.5g}, to one percent"
             else:
@@ -254,20 +311,14 @@ def mark_sheet(robot: Robot, sheet: AnswerSheet, file: str) -> tuple[MarkedAnswe
         except InputError as error:
             mark, note = "unreadable", str(error)
         mark = mark or ("right" if right else "wrong")
-        found.append(MarkedAnswer(number=number, prompt=one.prompt, typed=typed, mark=mark, note=note))
+        found.append(MarkedAnswer(number=number, prompt=one.plain, typed=typed, mark=mark, note=note))
     return tuple(found)
 
 
 # Typed formulas.
 
-_TOKEN = re.compile(r"\s*(\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+|[A-Za-z_]\w*|\S)")
-_WAVE = re.compile(r"([scSC])(\d+)")
 _JAVASCRIPT = re.compile(r"\bv\.|\bMath\.")
 _FUNCTIONS = ("sin", "cos", "sqrt")
-_LONGEST = 1200
-_DEEPEST = 60
-_HIGHEST = 20
-_LARGEST_EXPONENT = 99
 _NO_ROOT = "sqrt takes a number whose root stands in the formulas of this robot"
 _POINTS = (1, 2, 3)
 """Seeds of exact points."""
@@ -276,6 +327,59 @@ _ONE_DIGIT = 10
 
 def _refuse(text: str) -> NoReturn:
     raise InputError(Notice(code="lesson.formula", text=text))
+
+
+@cache
+def load_spelling() -> Mapping[str, Any]:
+    """Return the rules by which a typed formula is rewritten, its tokens and its limits."""
+    path = locate_resource_folder("templates") / "lesson" / "spelling.toml"
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+def rewrite_formula(text: str) -> str:
+    """Return a formula in LaTeX, or with signs of Unicode, in the letters of the grammar."""
+
+    def apply(rules: Sequence[Sequence[str]], text: str) -> str:
+        for pattern, form in rules:
+            before = None
+            while text != before:
+                before = text
+                text = re.sub(pattern, partial(_fill, form), text, flags=re.ASCII)
+        return text
+
+    rules = load_spelling()
+    return apply(rules["rules"], unicodedata.normalize("NFKD", apply(rules["powers"], text)))
+
+
+def _fill(form: str, match: re.Match[str]) -> str:
+    """Return a form with the groups of a match in place of $1, $2."""
+    return re.sub(r"\$(\d)", lambda place: match[int(place[1])], form)
+
+
+def list_spellings(lesson: Lesson) -> dict[str, str]:
+    """Return the names in code of all letters and formulas, by what a reader of the lesson may type.
+
+    What the page shows goes before the names of code; an underscore may be left out.
+    """
+    robot, book, slides = lesson.robot, lesson.book, list_slides(lesson.robot)
+    rates = [f"{head}q{number}" for number in range(1, robot.size + 1) for head in ("", "d", "dd")]
+    standard = [dynamics.write_label(robot, label) for label in lesson.model.base.labels]
+    own = [x for x in map(str, lesson.model.algebra.ring.symbols) if not re.fullmatch(r"[sc]\d+", x)]
+    letters = [*dict.fromkeys((*rates, *lesson.values, *standard, *own))]
+    pairs = [(write_name(name, book, slides), name) for name in letters]
+    pairs += [(rewrite_formula(write_symbol(name, book, slides)).strip(), name) for name in letters]
+    pairs += [(name, name) for name in letters]
+    items = list_items([item for chapter in lesson.chapters for item in chapter.items])
+    for item in (item for item in items if item.name and item.code):
+        left = rewrite_formula(item.latex.partition(" = ")[0]).strip()
+        # C12 is a cosine where the book writes it so, elsewhere an element of the matrix.
+        pairs += [(x, item.name) for x in (left, item.name) if x[:1] not in (book.sine, book.cosine)]
+    found: dict[str, str] = {}
+    for typed, name in pairs:
+        found.setdefault(typed, name)
+    for typed, name in pairs:
+        found.setdefault(typed.replace("_", ""), name)
+    return found
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,28 +391,29 @@ class Expression:
     parts: "tuple[Expression, ...]" = ()
 
 
-def read_formula(text: str) -> Expression:
-    """Return a typed formula as a tree; an InputError says where it cannot be read."""
-    plain = text.replace("\N{MINUS SIGN}", "-").replace("**", "^")
-    reader = _Reader(_TOKEN.findall(plain))
+def read_formula(text: str, names: Mapping[str, str] | None = None) -> Expression:
+    """Return a formula as a tree; an InputError says where it cannot be read."""
+    reader = _Reader(re.findall(load_spelling()["token"], text.replace("**", "^"), re.ASCII), names)
     whole = reader.read_sum()
     if reader.tokens:
         _refuse(f'"{reader.tokens[0]}" was not expected')
     return whole
 
 
-def read_answer(typed: str) -> Expression:
-    """Return a formula that a student typed as a tree; an InputError refuses a long one as well."""
-    if len(typed) > _LONGEST:
-        _refuse(f"the formula is longer than {_LONGEST} letters")
-    return read_formula(typed)
+def read_answer(typed: str, names: Mapping[str, str] | None = None) -> Expression:
+    """Return what a student typed as a tree, its letters by `names`; an InputError for a long one too."""
+    longest = load_spelling()["longest"]
+    if len(typed) > longest:
+        _refuse(f"the formula is longer than {longest} letters")
+    return read_formula(rewrite_formula(typed), names)
 
 
 class _Reader:
     """The grammar above, one method a rule; `tokens` are those that are left."""
 
-    def __init__(self, tokens: list[str]) -> None:
+    def __init__(self, tokens: list[str], names: Mapping[str, str] | None) -> None:
         self.tokens = tokens
+        self.names = names or {}
         self.depth = 0
 
     def _take(self, *wanted: str) -> str:
@@ -326,7 +431,7 @@ class _Reader:
         while self.tokens:
             if sign := self._take("*", "/"):
                 left = Expression(sign, parts=(left, self._read_signed()))
-            elif re.match(r"[\w.(]", self.tokens[0]):
+            elif re.match(r"[\w.(]", self.tokens[0], re.ASCII):
                 left = Expression("*", parts=(left, self._read_power()))
             else:
                 break
@@ -334,8 +439,8 @@ class _Reader:
 
     def _read_signed(self) -> Expression:
         self.depth += 1
-        if self.depth > _DEEPEST:
-            _refuse(f"brackets and signs are nested more than {_DEEPEST} deep")
+        if self.depth > (deepest := load_spelling()["deepest"]):
+            _refuse(f"brackets and signs are nested more than {deepest} deep")
         sign = self._take("+", "-")
         inner = self._read_signed() if sign else self._read_power()
         self.depth -= 1
@@ -355,17 +460,20 @@ class _Reader:
                 found = f' in place of "{self.tokens[0]}"' if self.tokens else " at the end"
                 _refuse(f'expected ")"{found}')
             return inner
-        if re.match(r"[\d.]", first) and first != ".":
+        if re.match(r"\d|\.\d", first, re.ASCII):
             exponent = re.search(r"[eE][-+]?(\d+)$", first)
-            if exponent and int(exponent[1]) > _LARGEST_EXPONENT:
+            if exponent and int(exponent[1]) > load_spelling()["exponent"]:
                 _refuse(f'the number "{first}" is too large or too small')
             return Expression("number", first)
         if first in _FUNCTIONS:
+            power = self._read_atom() if self._take("^") else None
             if self.tokens and self.tokens[0] in _FUNCTIONS:
                 _refuse(f"write the argument of {first} in brackets")
-            return Expression(first, parts=(self._read_atom(),))
-        if re.match(r"[A-Za-z_]", first):
-            return Expression("letter", first)
+            value = Expression(first, parts=(self._read_atom(),))
+            return value if power is None else Expression("^", parts=(value, power))
+        if re.match(r"[A-Za-z]", first):
+            plain = first.replace("_", "")
+            return Expression("letter", self.names.get(first) or self.names.get(plain) or first)
         _refuse(f'"{first}" was not expected')
 
 
@@ -416,17 +524,20 @@ class _Field:
                 name = node.text
                 if name in self.letters:
                     return self.letters[name], one
-                if match := _WAVE.fullmatch(name):
-                    joints = list(match[2]) if self.size < _ONE_DIGIT else [match[2]]
-                    wave = self._expand_wave(match[1].lower(), [(int(joint), 1) for joint in joints])
-                    return wave, one
                 if name in self.formulas:
                     return self.evaluate(self.formulas[name])
-                _refuse(f'"{name}" is no letter of this lesson')
+                match = re.match(load_spelling()["wave"], name, re.ASCII)
+                if match is None:
+                    _refuse(f'"{name}" is no letter of this lesson')
+                # c12 of a robot with less than ten joints has digits, c_10_11 numbers; n is a minus.
+                joints = re.findall(r"(n?)(\d)" if self.size < _ONE_DIGIT else r"(n?)(\d+)", match[2])
+                angle = [(int(joint), -1 if sign else 1) for sign, joint in joints]
+                return self._expand_wave(match[1].lower(), angle), one
             case "^":
                 (a, b), power = self.evaluate(node.parts[0]), read_rational(node.parts[1])
-                if power is None or power.denominator > 1 or abs(power) > _HIGHEST:
-                    _refuse(f"a power is a whole number up to {_HIGHEST}; use sqrt for roots")
+                highest = load_spelling()["highest"]
+                if power is None or power.denominator > 1 or abs(power) > highest:
+                    _refuse(f"a power is a whole number up to {highest}; use sqrt for roots")
                 a, b = (b, a) if power < 0 else (a, b)
                 if not b:
                     _refuse("the formula divides by zero")
@@ -469,7 +580,8 @@ class _Field:
             case "*":
                 for factor, other in (node.parts, node.parts[::-1]):
                     number = read_rational(factor)
-                    if number is not None and number.denominator == 1 and abs(number) <= _HIGHEST:
+                    highest = load_spelling()["highest"]
+                    if number is not None and number.denominator == 1 and abs(number) <= highest:
                         return {k: int(number) * n for k, n in self._read_angle(other).items()}
         if read_rational(node) == 0:
             return {}
@@ -496,17 +608,18 @@ def read_rational(node: Expression) -> Fraction | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FormulaComparison:
-    """Exact points of a lesson, and up to three joints its ring, in which formulas are compared."""
+    """Where formulas are compared: exact points, and up to three joints a ring; `names` by what is typed."""
 
     points: tuple[_Field, ...]
     ring: _Field | None
+    names: Mapping[str, str]
 
     def compare(self, typed: str, answer: str) -> tuple[bool, str]:
         """Return whether a typed formula equals the answer, and how that was found.
 
         The answer may be JavaScript of the page; an InputError says that the typed formula cannot be read.
         """
-        left, right = read_answer(typed), read_formula(_JAVASCRIPT.sub("", answer))
+        left, right = read_answer(typed, self.names), read_formula(_JAVASCRIPT.sub("", answer))
         letters = set(_list_letters(left))
         for name, formula in self.points[0].formulas.items():
             if name in letters and formula == right:
@@ -538,10 +651,8 @@ def build_comparison(lesson: Lesson) -> FormulaComparison:
     known = ((item.name, item.code) for item in items if item.name and item.code)
     formulas = {name: read_formula(_JAVASCRIPT.sub("", code)) for name, code in known}
     own = list(map(str, model.algebra.ring.symbols))
-    rates = [f"{head}q{number}" for number in range(1, robot.size + 1) for head in ("", "d", "dd")]
-    standard = [dynamics.write_label(robot, label) for label in model.base.labels]
-    names = [*dict.fromkeys((*rates, *lesson.values, *standard))]
-    further = [name for name in names if name not in own]
+    spellings = list_spellings(lesson)
+    further = [name for name in dict.fromkeys(spellings.values()) if name not in {*own, *formulas}]
     domain, shift = model.algebra.ring.domain, len(further)
     ring = PolyRing([*further, *own], domain)
     algebra = ExactAlgebra(ring, tuple((s + shift, c + shift) for s, c in model.algebra.sines))
@@ -564,4 +675,5 @@ def build_comparison(lesson: Lesson) -> FormulaComparison:
         numbers = {name: domain.convert(QQ(x.numerator, x.denominator)) for name, x in point.items()}
         points.append(build(PointAlgebra(domain, {}), numbers))
     short = robot.freedom <= WRITTEN_OUT
-    return FormulaComparison(points=tuple(points), ring=build(algebra, letters) if short else None)
+    whole = build(algebra, letters) if short else None
+    return FormulaComparison(points=tuple(points), ring=whole, names=spellings)

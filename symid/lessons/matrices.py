@@ -27,13 +27,24 @@ from sympy import QQ, Expr, S, Symbol, preorder_traversal
 from sympy.polys.rings import PolyElement, PolyRing
 
 from symid import dynamics
-from symid.lessons.textbook import AngleSums, build_angle_sums, write_sum
+from symid.lessons.textbook import AngleSums, Book, build_angle_sums, get_book, write_sum
 from symid.notation import INERTIAL
-from symid.robot import Exact, Joint, Placement, Robot
+from symid.robot import (
+    IDENTITY,
+    ONE,
+    ZERO,
+    Exact,
+    Joint,
+    Placement,
+    Robot,
+    compose_placements,
+    invert_placement,
+)
 
 Parameterisation: TypeAlias = Literal["base", "symbols", "bodies"]
 Polynomials: TypeAlias = tuple[PolyElement, ...]
 PolynomialMatrix: TypeAlias = tuple[Polynomials, ...]
+PLAIN_BOOK = get_book("symid")
 _Vector: TypeAlias = "dynamics.Vector[PolyElement]"
 
 
@@ -57,10 +68,12 @@ class LessonModel:
     sums: AngleSums
 
 
-def name_lengths(robot: Robot) -> tuple[Robot, dict[str, float]]:
+def name_lengths(robot: Robot, book: Book) -> tuple[Robot, dict[str, float]]:
     """Return the robot with a name for each length of its table and for g, and their values.
 
-    Names stay away where the robot would have other base parameters with them: then its lengths are special.
+    The names are those of `book`, with a zero before the number of an offset that a prismatic joint has
+    beside its coordinate of the same letter. Names stay away where the robot would have other base parameters
+    with them: then its lengths are special.
     """
     lengths: dict[str, float] = {}
     taken = [name for name, _ in robot.symbols]
@@ -68,7 +81,9 @@ def name_lengths(robot: Robot) -> tuple[Robot, dict[str, float]]:
     for number, joint in enumerate(robot.joints, start=1):
         # a_i and d_i of a row of a Denavit-Hartenberg table.
         rotation, (x, y, z) = joint.placement.rotation, joint.placement.translation
-        axis, names = [row[2] for row in rotation], (f"a{number}", f"d{number}")
+        axis = [row[2] for row in rotation]
+        zero = "0" if joint.prismatic and book.slide == book.offset else ""
+        names = (f"{book.length}{number + book.shift}", f"{book.offset}{zero}{number}")
         along = axis[1] * y + axis[2] * z
         numbers = all(value.is_number for value in (x, y, z)) and not set(names) & set(taken)
         if not axis[0] and numbers and (axis[1] * along, axis[2] * along) == (y, z):
@@ -77,6 +92,19 @@ def name_lengths(robot: Robot) -> tuple[Robot, dict[str, float]]:
             a, d = (Exact.symbol(name) if name in lengths else Exact.of(0) for name in names)
             placement = Placement(rotation=rotation, translation=(a, axis[1] * d, axis[2] * d))
             joints[number - 1] = replace(joint, placement=placement)
+    last = joints[-1].frame
+    if (
+        book.standard
+        and robot.convention == "standard"
+        and last.translation[0]
+        and last.translation[0].is_number
+    ):
+        # The end of the last link, which no torque knows.
+        end = f"{book.length}{robot.size + 1 + book.shift}"
+        if end not in taken:
+            lengths[end] = last.translation[0].to_float()
+            moved = (Exact.symbol(end), *last.translation[1:])
+            joints[-1] = replace(joints[-1], frame=replace(last, translation=moved))
     gravity = robot.gravity
     pulls = [value for value in gravity if value]
     if len(pulls) == 1 and pulls[0].is_number and "g" not in taken:
@@ -92,13 +120,16 @@ def name_lengths(robot: Robot) -> tuple[Robot, dict[str, float]]:
 
 
 def build_model(
-    robot: Robot, form: Parameterisation | None = None, further: Sequence[str] = ()
+    robot: Robot,
+    form: Parameterisation | None = None,
+    further: Sequence[str] = (),
+    book: Book = PLAIN_BOOK,
 ) -> LessonModel:
     """Return the model of `robot`, as its file has it; `further` names generators of its ring.
 
     `form` is that of the parameters; None takes the file's symbols where it has any, else base parameters.
     """
-    named, lengths = name_lengths(robot)
+    named, lengths = name_lengths(robot, book)
     base = dynamics.derive_base_parameters(named)
     formulas = _list_formulas(robot, named, base, form)
     exact = dynamics.build_exact_algebra(named)
@@ -106,7 +137,8 @@ def build_model(
     letters = [entry.name for entry in base.parameters if entry.name not in formulas]
     parts = chain.from_iterable(map(preorder_traversal, formulas.values()))
     found = {x.name for x in parts if isinstance(x, Symbol)}
-    before = [*letters, *sorted(found - set(own) - set(letters)), *further]
+    ends = {name for value in named.joints[-1].frame.translation for name in value.symbols}
+    before = [*letters, *sorted((found | ends) - set(own) - set(letters)), *further]
     sines = tuple((s + len(before), c + len(before)) for s, c in exact.sines)
     algebra = dynamics.ExactAlgebra(PolyRing([*before, *own], exact.ring.domain), sines)
     values = {name: algebra.ring.from_expr(value) for name, value in formulas.items()}
@@ -122,6 +154,55 @@ def build_model(
     )
 
 
+def find_standard_rows(robot: Robot) -> tuple[tuple[Placement, Placement], ...]:
+    """Return Rz(theta) Tz(d) and Tx(a) Rx(alpha) of each standard row; nothing of a robot without such rows.
+
+    The second part of a row is the first one of the modified row of the joint after it.
+    """
+    joints, rows = robot.joints, list[tuple[Placement, Placement]]()
+    chain_only = all(one.parent == index - 1 and one.mimic is None for index, one in enumerate(joints))
+    ends = [one.placement for one in joints[1:]]
+    tip, before = (joints[-1].frame if robot.convention == "standard" else IDENTITY), IDENTITY
+    for one, after in zip(joints, [*ends, tip], strict=True):
+        (_, _, across), (_, _, minus_s), (_, _, c) = after.rotation
+        turned = ((ONE, ZERO, ZERO), (ZERO, c, minus_s), (ZERO, -minus_s, c))
+        far = Placement(rotation=turned, translation=(after.translation[0], ZERO, ZERO))
+        near = compose_placements(invert_placement(before), one.placement)
+        if across or any(near.translation[:2]) or near.rotation[2] != IDENTITY.rotation[2]:
+            return ()
+        rows.append((near, far))
+        before = far
+    return tuple(rows) if chain_only and before == tip else ()
+
+
+def derive_standard_transforms(
+    model: LessonModel,
+) -> tuple[tuple[dynamics.Matrix[PolyElement], _Vector], ...]:
+    """Return rotation and origin of A_i = Rz(theta) Tz(d) Tx(a) Rx(alpha) of each standard row."""
+    algebra, known = model.algebra, model.algebra.generators
+    found = []
+    for number, (near, far) in enumerate(find_standard_rows(model.robot), start=1):
+        turn, place = (_to_polynomials(algebra, part.rotation) for part in (near, far))
+        x, y, z = map(algebra.constant, near.translation)
+        if model.robot.joints[number - 1].prismatic:
+            z += known[f"q{number}"]
+        else:
+            s, c, zero = known[f"s{number}"], known[f"c{number}"], algebra.zero
+            own = ((c, algebra.neg(s), zero), (s, c, zero), (zero, zero, algebra.one))
+            turn = algebra.multiply_matrices(turn, own)
+        a, b, c = map(algebra.constant, far.translation)
+        origin = algebra.add_vectors(algebra.apply_matrix(turn, (a, b, c)), (x, y, z))
+        found.append((algebra.multiply_matrices(turn, place), origin))
+    return tuple(found)
+
+
+def _to_polynomials(
+    algebra: dynamics.ExactAlgebra, rows: tuple[tuple[Exact, ...], ...]
+) -> "dynamics.Matrix[PolyElement]":
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = (tuple(map(algebra.constant, row)) for row in rows)
+    return (xx, xy, xz), (yx, yy, yz), (zx, zy, zz)
+
+
 def _list_formulas(
     robot: Robot, named: Robot, base: dynamics.BaseParameters, form: Parameterisation | None
 ) -> dict[str, Expr]:
@@ -134,6 +215,7 @@ def _list_formulas(
             for link, joint in enumerate(named.joints)
             for name, value in zip(INERTIAL, write_body(joint, link + 1), strict=True)
         }
+        standard |= {(link, "IA"): Symbol(f"IA{link + 1}") for link in range(named.size)}
         return {
             entry.name: sum((share * standard[label] for label, share in entry.terms), S.Zero).expand()
             for entry in base.parameters
@@ -343,9 +425,9 @@ _SHORT = 6
 """Terms up to which a quantity has no name of its own."""
 
 
-def derive_composites(robot: Robot) -> Composites:
+def derive_composites(robot: Robot, book: Book = PLAIN_BOOK) -> Composites:
     """Return M and g of a robot in composite bodies and their momenta (Walker and Orin 1982), all named."""
-    named, _ = name_lengths(robot)
+    named, _ = name_lengths(robot, book)
     joints, size, further = named.joints, named.size, list[str]()
     for number, one in enumerate(joints, start=1):
         further += [*(f"{label}c{number}" for label in INERTIAL), *(f"G{number}{axis}" for axis in "xyz")]
@@ -353,7 +435,7 @@ def derive_composites(robot: Robot) -> Composites:
         while parent >= 0:
             further += [f"{letter}{number}_{parent + 1}{axis}" for letter in "FN" for axis in "xyz"]
             parent = joints[parent].parent
-    model = build_model(robot, "base", further)
+    model = build_model(robot, "base", further, book)
     algebra, recursion = model.algebra, build_model_recursion(model)
     known, zero, frames = algebra.generators, algebra.zero, recursion.frames
     definitions: list[Definition] = []

@@ -22,38 +22,41 @@ from symid.lessons.chapters import WRITTEN_OUT, Item, Lesson, write_marked
 from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.matrices import Parameterisation
 from symid.lessons.textbook import Book
+from symid.lessons.words import Words, load_words
 from symid.robot import Robot
 
 _LONGEST_LINE = 66
 """Letters of a formula in a line, without its commands."""
 _SECONDS = 600
+_LEAD = "Every formula was derived exactly from the robot file and checked by a second derivation."
+_CELLS = "The cells between the chapters compute with the same objects in SymPy: change them."
 
 
 def write_lesson_notebook(
-    robot: Robot, book: Book, form: Parameterisation | None, folder: Path
+    robot: Robot, book: Book, form: Parameterisation | None, folder: Path, language: str = "en"
 ) -> tuple[str, bool]:
     """Return the lesson on `robot` as a notebook in JSON, and whether it was executed, in `folder`.
 
     A GenerationError says that a cell failed.
     """
-    lesson = build_lesson(robot, book, form)
+    lesson, words = build_lesson(robot, book, form, language), load_words(language)
     made = (
-        "\n\n**The file has no inertial values: numbers are those of stand-in links of 3 kg and less.** "
-        "The formulas do not depend on them."
+        "The file has no inertial values: numbers are those of stand-in links of 3 kg and less.",
+        "The formulas do not depend on them.",
     )
-    letters = f" Letters as in {book.title}." if book.title else ""
+    letters = f" {words('Letters as in {0}.').format(book.title)}" if book.title else ""
     text = (
-        f"# {_write_text(robot.name)}: equation of motion\n\n{_write_text(robot.description)}.\n\n"
-        f"Every formula was derived exactly from the robot file and checked by a second derivation.{letters} "
-        f"The cells between the chapters compute with the same objects in SymPy: change them."
-        f"{made if lesson.stand_ins else ''}\n\nWritten by symid {__version__}. SI units throughout."
+        f"# {words('{0}: equation of motion').format(_write_text(robot.name))}\n\n"
+        f"{_write_text(robot.description)}.\n\n{words(_LEAD)}{letters} {words(_CELLS)}\n\n"
+        + (f"**{words(made[0])}** {words(made[1])}\n\n" if lesson.stand_ins else "")
+        + words("Written by symid {0}. SI units throughout.").format(__version__)
     )
     kinds, place = [("markdown", text)], 1
     for number, chapter in enumerate(lesson.chapters, start=1):
         # Formulas are numbered from `place`, through all chapters.
         lines = [f"## {number} {chapter.title}"]
         for item in chapter.items:
-            text, place = _write_item(item, place)
+            text, place = _write_item(item, place, words)
             lines.append(text)
         kinds.append(("markdown", "\n\n".join(filter(None, lines))))
         kinds += [("code", cell) for cell in _list_code(lesson, chapter.anchor)]
@@ -111,12 +114,12 @@ def _write_text(text: str, bar: str = "|") -> str:
     )
 
 
-def _write_item(item: Item, place: int) -> tuple[str, int]:
+def _write_item(item: Item, place: int, words: Words) -> tuple[str, int]:
     match item.kind:
         case "text":
             return _write_text(item.text), place
         case "check":
-            return f"> \N{CHECK MARK} **Checked**, {_write_text(item.text)}.", place
+            return f"> \N{CHECK MARK} **{words('Checked')}**, {_write_text(item.text)}.", place
         case "formula" | "matrix":
             return f"$$\n{_break_lines(item.latex)} \\tag{{{place}}}\n$$", place + 1
         case "table":
@@ -127,7 +130,7 @@ def _write_item(item: Item, place: int) -> tuple[str, int]:
         case "details":
             parts = []
             for inner in item.items:
-                text, place = _write_item(inner, place)
+                text, place = _write_item(inner, place, words)
                 parts.append(text)
             inside = "\n\n".join(filter(None, parts))
             return f"<details><summary>{_write_text(item.text)}</summary>\n\n{inside}\n\n</details>", place

@@ -13,7 +13,7 @@ Supported: all robots of the lesson. Not supported: readers without JavaScript, 
 import base64
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -34,15 +34,17 @@ from symid.lessons.chapters import (
     list_slides,
     say,
     show,
+    translate_chapter,
     write_marked,
 )
 from symid.lessons.dynamic_chapters import build_lesson
-from symid.lessons.exercises import Exercise, draw_exercises, write_sheet
+from symid.lessons.exercises import Exercise, draw_exercises, list_spellings, load_spelling, write_sheet
 from symid.lessons.matrices import Parameterisation
-from symid.lessons.textbook import Book, write_symbol
+from symid.lessons.textbook import Book, get_book, write_name, write_symbol
+from symid.lessons.words import Words, load_pairs, load_words
 from symid.robot import Robot
 
-_SCRIPTS = ("lesson", "identification")
+_SCRIPTS = ("formulas", "lesson", "identification")
 _FUNCTIONS = (
     *("mass_matrix", "coriolis_matrix", "gravity", "inverse_dynamics"),
     *("energy", "jacobian", "torque_regressor"),
@@ -51,7 +53,20 @@ _MATRICES = ("mass", "gravity", "kinetic", "potential", "torque", "coriolis")
 _SPRING_FUNCTIONS = ("hysteresis_step", "hysteresis_inverse_step")
 _TICK = '<span class="tick" aria-hidden="true">\N{CHECK MARK}</span>'
 _LONG_CELL = 40
-_REGION = 'class="scroll" tabindex="0" role="region" aria-label="Table"'
+_MOST_KINDS = 8
+_STAND_INS = (
+    "The file has no inertial values: the numbers on this page are those of stand-in links, rods of 3 kg and "
+    "less."
+)
+_NOT_THE_FORMULAS = "The formulas do not depend on them."
+_LEAD = (
+    "Every formula was derived exactly from the robot file and checked by a second derivation. Numbers "
+    "beside formulas are those at the posture of the sliders."
+)
+_HOW_TO_TYPE = (
+    "Type formulas as the page shows them, as `m2*lc2*g*cos(q1 + q2)`, or shorter, as `m2 lc2 g c12`; LaTeX "
+    "and the copied SymPy text are read too. They are compared with the answer at random points."
+)
 
 
 MOTION_RATE = 50.0
@@ -68,9 +83,9 @@ class LoggedMotion(FrozenArrays):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LessonPage:
-    """A lesson as HTML; as text its exercises to fill in, `sheet`, and their answers, empty without any."""
+    """A lesson in HTML or LaTeX; its exercises to fill in, `sheet`, and their answers, empty without any."""
 
-    html: str
+    text: str
     answers: str = ""
     sheet: str = ""
 
@@ -83,24 +98,27 @@ def write_lesson_page(
     exercises: int = 0,
     seed: int = 0,
     logged: LoggedMotion | None = None,
+    language: str = "en",
 ) -> LessonPage:
     """Return the page of the lesson on `robot`, with so many exercises, drawn with `seed`.
 
     `logged` is offered among the motions whose information the page shows. A RobotError says that a symbolic
     length has no value.
     """
-    lesson = build_lesson(robot, book, form)
+    lesson = build_lesson(robot, book, form, language)
     chapters = lesson.chapters
-    drawn = draw_exercises(lesson, exercises, np.random.default_rng(seed))
+    words = load_words(language)
+    drawn = draw_exercises(lesson, exercises, np.random.default_rng(seed), words)
     if lesson.beta:
-        chapters = (*chapters, _write_identification(lesson, logged))
+        chapters = (*chapters, translate_chapter(_write_identification(lesson, logged), words))
     if drawn:
-        chapters = (*chapters, _EXERCISES)
+        asked = (say(_HOW_TO_TYPE), *_list_marked_letters(lesson), Item("widget", "exercises"))
+        chapters = (*chapters, translate_chapter(Chapter("Exercises", "exercises", asked), words))
     folder = locate_resource_folder("templates") / "lesson"
     numbers = iter(range(1, 100_000))
     sections, contents = [], ""
     for place, chapter in enumerate(chapters, start=1):
-        body = "\n".join(_write_item(item, numbers) for item in chapter.items)
+        body = "\n".join(_write_item(item, numbers, words) for item in chapter.items)
         title = escape(chapter.title)
         heading = f'<h2><span class="count">{place}</span>{title}</h2>'
         sections.append(f'<section id="{chapter.anchor}">{heading}\n{body}\n</section>')
@@ -108,16 +126,10 @@ def write_lesson_page(
     file = Path(robot.path).name or robot.name
     # Formulas with values as JavaScript, each after those that it needs.
     items = [item for chapter in chapters for item in list_items(chapter.items) if item.name and item.code]
-    lead = f"Letters as in {escape(book.title)}. " if book.title else ""
+    lead = f"{escape(words('Letters as in {0}.').format(book.title))} " if book.title else ""
     if lesson.stand_ins:
-        lead += (
-            "<strong>The file has no inertial values: the numbers on this page are those of stand-in links, "
-            "rods of 3 kg and less.</strong> The formulas do not depend on them. "
-        )
-    lead += (
-        "Every formula was derived exactly from the robot file and checked by a second derivation. Numbers "
-        "beside formulas are those at the posture of the sliders."
-    )
+        lead += f"<strong>{escape(words(_STAND_INS))}</strong> {escape(words(_NOT_THE_FORMULAS))} "
+    lead += escape(words(_LEAD))
     # The motion of the log: q, dq, ddq of each sample, to 1e-6 of the SI unit.
     log = None
     if logged is not None:
@@ -144,13 +156,16 @@ def write_lesson_page(
         return re.sub(r"src:[^}]*", f'src:url(data:font/woff2;base64,{data}) format("woff2")', match[0])
 
     parts = {
-        "TITLE": escape(f"{robot.name}: equation of motion"),
+        "LANG": lesson.language,
+        "TITLE": escape(words("{0}: equation of motion").format(robot.name)),
         "NAME": escape(robot.name.replace("_", " ")),
         "DESCRIPTION": escape(robot.description),
         "LEAD": lead,
         "CONTENTS": contents,
         "SECTIONS": "\n".join(sections),
-        "FOOT": escape(f"Written by symid {__version__} from {file}. SI units throughout."),
+        "FOOT": escape(
+            words("Written by symid {0} from {1}. SI units throughout.").format(__version__, file)
+        ),
         "STYLE": re.sub(r"@font-face\{[^}]*\}", put, style)
         + (folder / "lesson.css").read_text(encoding="utf-8"),
         "KATEX": (folder / "katex" / "katex.min.js").read_text(encoding="utf-8"),
@@ -161,12 +176,27 @@ def write_lesson_page(
         "SCRIPT": "".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS),
     }
     template = (folder / "lesson.html").read_text(encoding="utf-8")
+    template = re.sub(r"\{\{=(.*?)\}\}", lambda match: escape(words(match[1])), template)
     # One pass: what is put in may hold such marks itself.
     html = re.sub(r"\{\{([A-Z]+)\}\}", lambda match: parts[match[1]], template)
-    answers = "".join(f"{k}. {one.prompt}\n   {one.answer}\n" for k, one in enumerate(drawn, start=1))
-    settings = {"exercises": exercises, "seed": seed, "notation": book.name, "parameters": form}
-    sheet = write_sheet(robot.name, drawn, settings) if drawn else ""
-    return LessonPage(html=html, answers=answers, sheet=sheet)
+    handed = write_handouts(lesson, drawn, {"exercises": exercises, "seed": seed, "parameters": form})
+    return LessonPage(text=html, answers=handed[0], sheet=handed[1])
+
+
+def write_handouts(
+    lesson: Lesson, drawn: Sequence[Exercise], settings: Mapping[str, object]
+) -> tuple[str, str]:
+    """Return the answers to exercises, and the sheet to fill in, as text; both empty without any."""
+    if not drawn:
+        return "", ""
+    answers = ""
+    for number, one in enumerate(drawn, start=1):
+        gap = " " if one.number is not None else ": "
+        answers += f"{number}. {one.plain}\n   {one.answer}{f'{gap}{one.note}' if one.note else ''}\n"
+    book, own = lesson.book, get_book(lesson.book.name)
+    angle = None if book.angle == own.angle else book.angle.removeprefix("\\")
+    settings = {**settings, "notation": book.name, "angle": angle, "lang": lesson.language}
+    return answers, write_sheet(lesson.robot.name, drawn, settings, load_words(lesson.language))
 
 
 def _write_json(value: object) -> str:
@@ -187,12 +217,13 @@ def _write_inline(text: str) -> str:
     )
 
 
-def _write_item(item: Item, numbers: Iterator[int]) -> str:
+def _write_item(item: Item, numbers: Iterator[int], words: Words) -> str:
     match item.kind:
         case "text" | "hint":
             return f"<p>{_write_inline(item.text)}</p>"
         case "check":
-            return f'<p class="check">{_TICK} <strong>Checked</strong>, {_write_inline(item.text)}.</p>'
+            checked = f"<strong>{words('Checked')}</strong>, {_write_inline(item.text)}."
+            return f'<p class="check">{_TICK} {checked}</p>'
         case "formula" | "matrix":
             number = next(numbers)
             wide = " wide" if item.kind == "matrix" else ""
@@ -214,15 +245,17 @@ def _write_item(item: Item, numbers: Iterator[int]) -> str:
                 if text.startswith("show:"):
                     _, joint, name = text.split(":")
                     data = f'data-joint="{joint}" data-kind="{name}"'
-                    return f'<td><button type="button" class="show" {data}>show</button></td>'
+                    return f'<td><button type="button" class="show" {data}>{words("show")}</button></td>'
                 return f"<td>{_write_inline(text)}</td>"
 
             titles = "".join(f'<th scope="col">{_write_inline(text)}</th>' for text in head)
             lines = "".join(f"<tr>{''.join(map(cell, row))}</tr>" for row in rows)
             table = f"<table{kind}><thead><tr>{titles}</tr></thead><tbody>{lines}</tbody></table>"
-            return f"<div {_REGION}>{table}</div>"
+            return (
+                f'<div class="scroll" tabindex="0" role="region" aria-label="{words("Table")}">{table}</div>'
+            )
         case "details":
-            inner = "\n".join(_write_item(part, numbers) for part in item.items)
+            inner = "\n".join(_write_item(part, numbers, words) for part in item.items)
             opened = " open" if item.name == "open" else ""
             return f"<details{opened}><summary>{_write_inline(item.text)}</summary>\n{inner}\n</details>"
         case "widget":
@@ -268,6 +301,13 @@ def _describe(lesson: Lesson) -> dict[str, object]:
             }
             for entry in lesson.model.base.parameters
         ],
+        "reading": {
+            **load_spelling(),
+            "names": list_spellings(lesson),
+            "joints": robot.size,
+            "turning": [k for k, joint in enumerate(robot.joints, start=1) if not joint.prismatic],
+        },
+        "words": dict(load_pairs(lesson.language)),
         "springs": [
             {"name": card.name, "value": card.value or 0.0, "unit": card.unit}
             for card in list_spring_parameters(robot)
@@ -282,7 +322,7 @@ def _describe(lesson: Lesson) -> dict[str, object]:
 def _write_identification(lesson: Lesson, logged: LoggedMotion | None) -> Chapter:
     """Return the chapter in which a reader moves the robot and sees what the torques identify."""
     tau, q = lesson.book.torque, lesson.book.coordinates
-    taken = "" if logged is None else f", or take the one of `{logged.name}`"
+    taken = ", " if logged is None else f", or take the one of `{logged.name}`, "
     items = (
         say(
             rf"Torques are linear in the base parameters: ${tau} = Y({q}, \dot {q}, \ddot {q})\,\beta$. "
@@ -296,7 +336,7 @@ def _write_identification(lesson: Lesson, logged: LoggedMotion | None) -> Chapte
         say(
             "The sum grows with every sample: the longer and the richer the motion, the smaller the "
             "deviations. What a motion does not move, or moves in one way only, is not identifiable, and "
-            f"the sum has no inverse. Design a motion{taken}, and play it; $Y$ is that of generated code, at "
+            f"the sum has no inverse. Design a motion{taken}and play it; $Y$ is that of generated code, at "
             "50 samples a second; friction is known."
         ),
         Item("widget", "identification"),
@@ -304,22 +344,23 @@ def _write_identification(lesson: Lesson, logged: LoggedMotion | None) -> Chapte
     return Chapter("What a motion identifies", "identification", items)
 
 
-_EXERCISES = Chapter(
-    "Exercises",
-    "exercises",
-    (
-        say(
-            "Type formulas with the letters of the copied SymPy text, as `m2*lc2*g*cos(q1 + q2)`, or "
-            "shorter, as `m2 lc2 g c12`. They are compared with the answer at random points."
-        ),
-        Item("widget", "exercises"),
-    ),
-)
+def _list_marked_letters(lesson: Lesson) -> Iterator[Item]:
+    """Yield how letters with marks are typed, one of each kind: of composite bodies, gravity and momenta."""
+    slides, kinds = list_slides(lesson.robot), dict[str, str]()
+    for name in map(str, lesson.model.algebra.ring.symbols):
+        shown = write_symbol(name, lesson.book, slides)
+        if shown.startswith(("{}^", r"\overline", r"\ell", r"\dot", r"\ddot")):
+            typed = write_name(name, lesson.book, slides)
+            kinds.setdefault(re.sub(r"\d", "", name), f"${shown}$ `{typed}`")
+    if kinds:
+        listed = ", ".join([*kinds.values()][:_MOST_KINDS])
+        yield say(f"Letters with marks: {listed}.")
 
 
 def _write_exercise(one: Exercise) -> str:
     """Return an exercise as a JavaScript object."""
-    parts = [f'"prompt": {_write_json(one.prompt)}', f'"answer": {_write_json(one.answer)}']
+    texts = {"prompt": one.prompt, "answer": one.answer, "latex": one.latex, "note": one.note}
+    parts = [f'"{key}": {_write_json(text)}' for key, text in texts.items()]
     if one.code:
         parts.append(f'"formula": (v) => {one.code}')
     if one.number is not None:
@@ -343,7 +384,7 @@ _TEX_HEAD = r"""\documentclass[11pt,a4paper]{article}
   $\displaystyle #1$\quad(\theformula)\par}}
 \newcommand{\wide}[1]{{\stepcounter{formula}\sbox0{$\displaystyle #1$}%
   \ifdim\wd0>.9\linewidth\resizebox{.9\linewidth}{!}{\usebox0}\else\usebox0\fi\quad(\theformula)\par}}
-\newcommand{\checked}[1]{\textbf{Checked}, #1.\par}
+\newcommand{\checked}[1]{\textbf{CHECKED}, #1.\par}
 \begin{document}
 """
 _TEX_MARKS = str.maketrans(
@@ -353,15 +394,33 @@ _TEX_MARKS = str.maketrans(
 )
 
 
-def write_lesson_tex(robot: Robot, book: Book, form: Parameterisation | None = None) -> str:
-    """Return the lesson on `robot` as a LaTeX document for pdflatex."""
-    lesson = build_lesson(robot, book, form)
-    title = rf"\title{{{_write_tex(f'{robot.name}: equation of motion')}}}\author{{symid {__version__}}}"
-    parts = [_TEX_HEAD, rf"{title}\date{{}}\maketitle", _write_tex(robot.description)]
+def write_lesson_tex(
+    robot: Robot,
+    book: Book,
+    form: Parameterisation | None = None,
+    *,
+    exercises: int = 0,
+    seed: int = 0,
+    language: str = "en",
+) -> LessonPage:
+    """Return the lesson on `robot` as a LaTeX document for pdflatex, with so many exercises at its end."""
+    lesson, words = build_lesson(robot, book, form, language), load_words(language)
+    drawn = draw_exercises(lesson, exercises, np.random.default_rng(seed), words)
+    title = _write_tex(words("{0}: equation of motion").format(robot.name))
+    head = _TEX_HEAD.replace("CHECKED", words("Checked"))
+    parts = [head, rf"\title{{{title}}}\author{{symid {__version__}}}"]
+    parts += [r"\date{}\maketitle", _write_tex(robot.description)]
     for chapter in lesson.chapters:
         parts.append(rf"\section{{{_write_tex(chapter.title)}}}")
         parts += map(_write_tex_item, chapter.items)
-    return "\n\n".join([*filter(None, parts), r"\end{document}"]) + "\n"
+    if drawn:
+        # A question, and room for what is written by hand.
+        asked = "\n".join(rf"\item {_write_tex(one.prompt)}\vspace{{25mm}}" for one in drawn)
+        parts.append(rf"\section{{{words('Exercises')}}}")
+        parts.append(r"\begin{enumerate}" + f"\n{asked}\n" + r"\end{enumerate}")
+    tex = "\n\n".join([*filter(None, parts), r"\end{document}"]) + "\n"
+    answers, sheet = write_handouts(lesson, drawn, {"exercises": exercises, "seed": seed, "parameters": form})
+    return LessonPage(text=tex, answers=answers, sheet=sheet)
 
 
 def _write_tex(text: str) -> str:

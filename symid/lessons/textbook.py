@@ -406,17 +406,18 @@ def _join_products(total: Sum, write: Callable[[Letter, int], list[str]], fracti
     return (text[3:] if text.startswith(" + ") else text.replace(" - ", "-", 1)) or "0"
 
 
-def write_text(total: Sum) -> str:
-    """Return a sum in plain text, c23 for cos(q2 + q3), as Python reads it with ** for powers."""
+def write_text(total: Sum, book: "Book", slides: frozenset[int] = frozenset()) -> str:
+    """Return a sum in the plain letters of a book, c23 for cos(q2 + q3), ** for powers."""
 
     def write(letter: Letter, power: int) -> list[str]:
-        text, what = (letter, 0) if isinstance(letter, str) else letter
+        text, what = (write_name(letter, book, slides), 0) if isinstance(letter, str) else letter
         if isinstance(what, tuple):
-            if all(sign > 0 and number < 10 for number, sign in what):
-                text += "".join(str(number) for number, _ in what)
+            if not book.long and all(sign > 0 and number < 10 for number, sign in what):
+                text = (book.sine if text == "s" else book.cosine) + "".join(str(k) for k, _ in what)
             else:
-                angle = "".join(f"{'+' if sign > 0 else '-'}q{number}" for number, sign in what)
-                text = f"{'sin' if text == 's' else 'cos'}({angle.removeprefix('+')})"
+                terms = ((sign, write_name(f"q{number}", book)) for number, sign in what)
+                angle = "".join(f" {'+' if sign > 0 else '-'} {name}" for sign, name in terms)
+                text = f"{'sin' if text == 's' else 'cos'}({angle.removeprefix(' + ').removeprefix(' ')})"
         elif what:
             text = f"sqrt({what})"
         return [text if power == 1 else f"{text}**{power}"]
@@ -452,8 +453,10 @@ class Book:
         name: as the option has it. title: authors, title, year; empty for symid's own.
         mass, coriolis, gravity, torque: the matrices. kinetic, potential: the energies.
         angle, slide: of revolute and prismatic joints. coordinates: the vector of both.
-        sine, cosine: of the short form. length, offset: of the table's rows. shift: what the number of a
-            length is more than that of its row. long: write cos(q1 + q2) in place of c12.
+        sine, cosine: of the short form. length, offset: of the table's rows. standard: the rows are standard
+            ones where a robot has them. shift: what the number of a length is more than that of its row of
+            modified parameters. bodies: masses, centres of mass and central inertias in place of base
+            parameters of robots without symbols. long: write cos(q1 + q2) in place of c12.
     """
 
     name: str
@@ -471,7 +474,9 @@ class Book:
     cosine: str = "c"
     length: str = "a"
     offset: str = "d"
+    standard: bool = False
     shift: int = 0
+    bodies: bool = False
     grouped: str = "{name}_{{{number}}}^{{\\mathrm R}}"
     long: bool = False
 
@@ -486,7 +491,9 @@ _BOOKS = (
         potential=r"\mathcal U",
         angle=r"\vartheta",
         slide="d",
+        standard=True,
         shift=-1,
+        bodies=True,
     ),
     Book(
         name="craig",
@@ -498,6 +505,7 @@ _BOOKS = (
         slide="d",
         coordinates=r"\Theta",
         shift=-1,
+        bodies=True,
     ),
     Book(
         name="khalil",
@@ -540,7 +548,6 @@ _FORMS = (
     (r"I(\d+)([xyz]{2})", r"I_{{{0},{1}}}"),
 )
 """Letters of all books alike: composite bodies, gravity, momenta; centres and inertias of links."""
-_ROW = re.compile(r"^([ad])(\d+)$")
 _RATE = re.compile(r"^(d{0,2})q(\d+)$")
 _KHALIL_NAME = re.compile(r"^(XX|XY|XZ|YY|YZ|ZZ|MX|MY|MZ|M|IA|KS|KR)(R?)(\d+)$")
 _PLAIN = re.compile(r"^([A-Za-z])([A-Za-z]*)_?(\d*)$")
@@ -556,10 +563,6 @@ def write_symbol(name: str, book: Book, slides: frozenset[int] = frozenset()) ->
     for pattern, form in _FORMS:
         if match := re.fullmatch(pattern, name):
             return form.format(*match.groups())
-    if match := _ROW.match(name):
-        shift = book.shift if match[1] == "a" else 0
-        letter = book.length if match[1] == "a" else book.offset
-        return f"{letter}_{{{int(match[2]) + shift}}}"
     if match := _KHALIL_NAME.match(name):
         letters = rf"\mathit{{{match[1]}}}" if len(match[1]) > 1 else match[1]
         if match[2]:
@@ -575,6 +578,14 @@ def write_symbol(name: str, book: Book, slides: frozenset[int] = frozenset()) ->
         return f"{match[1]}_{{{below}}}" if below else match[1]
     escaped = name.replace("_", r"\_")
     return rf"\mathit{{{escaped}}}"
+
+
+def write_name(name: str, book: Book, slides: frozenset[int] = frozenset()) -> str:
+    """Return the symbol `name` as plain text: only coordinates have other letters than in code."""
+    if match := _RATE.match(name):
+        letter = book.slide if int(match[2]) in slides else book.angle
+        return f"{match[1]}{letter.removeprefix(chr(92)).removeprefix('var')}{match[2]}"
+    return name
 
 
 def build_style(book: Book, slides: frozenset[int] = frozenset()) -> Style:
@@ -597,7 +608,7 @@ def build_style(book: Book, slides: frozenset[int] = frozenset()) -> Style:
             name, inner = r"\sin" if kind == "s" else r"\cos", "".join(terms).removeprefix(" + ")
             return rf"{name}{above} {inner}" if len(what) == 1 else rf"{name}{above}({inner})"
         numbers = [f"{'' if sign > 0 else '-'}{number}" for number, sign in what]
-        comma = all(sign > 0 for _, sign in what) and any(number > 9 for number, _ in what)
+        comma = any(number > 9 for number, _ in what)
         below = ("," if comma else "").join(numbers)
         return f"{book.sine if kind == 's' else book.cosine}_{{{below}}}{above}"
 

@@ -31,6 +31,8 @@ if TYPE_CHECKING:
         Exact as Exact,
         Placement as Placement,
         Surd as Surd,
+        compose_placements as compose_placements,
+        invert_placement as invert_placement,
     )
     from symid.robot.inertia import (
         build_pseudo_inertias as build_pseudo_inertias,

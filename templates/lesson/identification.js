@@ -140,7 +140,7 @@ const buildEditor = (node, change) => {
     circles.forEach((circle, i) => {
       const value = plan.points[plan.joint][i] * size;
       const attributes = { cx: scale.X(plan.seconds * i / POINTS).toFixed(1), cy: scale.Y(value).toFixed(1), "aria-label": `Joint ${D.coordinates[plan.joint] + 1}, point ${i + 1} of ${POINTS}`, "aria-valuemin": low.toFixed(3), "aria-valuemax": high.toFixed(3), "aria-valuenow": value.toFixed(3) };
-      for (const [key, text] of Object.entries(attributes)) circle.setAttribute(key, text);
+      for (const [key, text] of Object.entries(attributes)) circle.setAttribute(key, inWords(key, text));
     });
   };
 };
@@ -158,7 +158,7 @@ const buildBars = (node) => {
     const deviation = sums.now.deviations[i], percent = 100 * deviation / sizes[i];
     fill.style.width = `${Math.min(Math.max((Math.log10(percent) + 2) / 5, 0.01), 1) * 100}%`;
     fill.className = sums.now.seen[i] ? `fill${percent > 10 ? " loose" : ""}` : "fill none";
-    text.textContent = !sums.now.seen[i] ? "not seen" : !isZero[i] && percent < 1e5 ? `${show(Number(percent.toPrecision(2)))} %` : `\u00b1 ${show(Number(deviation.toPrecision(2)))} ${D.parameters[i].unit}`;
+    text.textContent = !sums.now.seen[i] ? tr("not seen") : !isZero[i] && percent < 1e5 ? `${show(Number(percent.toPrecision(2)))} %` : `\u00b1 ${show(Number(deviation.toPrecision(2)))} ${D.parameters[i].unit}`;
   });
 };
 
@@ -172,11 +172,11 @@ const buildUnseen = (node) => {
     box.hidden = !lost.length;
     if (key === told) return;
     told = key;
-    title.textContent = `Not seen by this motion (${lost.length}), and why`;
+    title.textContent = tr("Not seen by this motion ({0}), and why", lost.length);
     list.replaceChildren(...reasons.map(([i, reason, partners]) => {
-      const entry = make("li", {}, names[i].cloneNode(true), `: ${reason}; ${partners.length ? "identifiable only together with " : "no torque of this motion depends on it"}`);
+      const entry = make("li", {}, names[i].cloneNode(true), `: ${translate(reason)}; `, partners.length ? "identifiable only together with " : "no torque of this motion depends on it");
       partners.slice(0, 5).forEach((j, k) => entry.append(k ? ", " : "", names[j].cloneNode(true)));
-      if (partners.length > 5) entry.append(` and ${partners.length - 5} more`);
+      if (partners.length > 5) entry.append(tr(" and {0} more", partners.length - 5));
       return entry;
     }));
   };
@@ -202,7 +202,7 @@ const buildEllipse = (node) => {
     for (const found of before) draw(inside, "polygon", { points: outline(found), fill: "none", stroke: "var(--soft)", "stroke-dasharray": "4 3" });
     if (sums.count) draw(inside, "polygon", { points: outline(sums.now), fill: "var(--accent)", "fill-opacity": 0.18, stroke: "var(--accent)", "stroke-width": 2 });
     draw(inside, "circle", { cx: X(centre[0]).toFixed(1), cy: Y(centre[1]).toFixed(1), r: 3, fill: "var(--ink)" });
-    svg.setAttribute("aria-label", `Confidence of ${names[0]} and ${names[1]}`);
+    svg.setAttribute("aria-label", translate(`Confidence of ${names[0]} and ${names[1]}`));
   };
   for (const side of [0, 1]) {
     const select = make("select", { "aria-label": `${side ? "Second" : "First"} parameter of the ellipse` }, ...D.parameters.map((one, k) => make("option", { value: k }, nameOf(k))));
@@ -280,7 +280,7 @@ widget("identification", (node) => {
     left.replaceChildren();
     const k = plan.joint, prismatic = D.joints[D.coordinates[k]].prismatic;
     addSlider(left, "a", `Amplitude of a sine of joint ${D.coordinates[k] + 1}`, 0, widestOf(k), sines[k][0], prismatic ? metres : degrees, (x) => { sines[k][0] = x; lay(); });
-    addSlider(left, "n", `Periods of a sine of joint ${D.coordinates[k] + 1}`, 1, 4, sines[k][1], (x) => (Math.round(x) === 1 ? "1 period" : `${Math.round(x)} periods`), (x) => { sines[k][1] = Math.round(x); lay(); });
+    addSlider(left, "n", `Periods of a sine of joint ${D.coordinates[k] + 1}`, 1, 4, sines[k][1], (x) => tr(Math.round(x) === 1 ? "1 period" : "{0} periods", Math.round(x)), (x) => { sines[k][1] = Math.round(x); lay(); });
     addSlider(left, "T", "Duration of the motion", 4, 20, plan.seconds, (x) => `${Math.round(x)} s`, (x) => { plan.seconds = Math.round(x); change(); });
   };
   tune.push(build);
@@ -291,7 +291,7 @@ widget("identification", (node) => {
   noise.append(sliders); bar.append(noise);
   shown.push(() => {
     playingTime.set(sums.count / countSamples());
-    cells[0].textContent = `${sums.now.rank} of ${B}`;
+    cells[0].textContent = `${sums.now.rank} / ${B}`;
     cells[1].textContent = show(sums.now.condition);
     cells[2].textContent = `${sums.count}`;
   }, ellipse.redraw, buildBars(node), buildUnseen(node));

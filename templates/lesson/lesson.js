@@ -1,16 +1,34 @@
 // The lesson's page: typesets formulas, follows the posture, draws the arm, plots energies and hysteresis.
 const D = LESSON_DATA, F = LESSON_FUNCTIONS, N = D.coordinates.length, L = D.letters;
 const SVG = "http://www.w3.org/2000/svg";
+// A text in the language of the page: as the table has it, or by the longest form with {0}, {1} that fits.
+const FORMS = Object.keys(D.words).filter((text) => text.includes("{0}")).sort((a, b) => b.length - a.length).map((text) => {
+  const seen = new Set(), escaped = (part) => part.replace(/[.*+?^${}()|[\]\\]/g, "\\$&");
+  const pattern = text.split(/\{(\d)\}/).map((part, k, parts) => { if (k % 2 === 0) return escaped(part); if (seen.has(part)) return `\\k<p${part}>`; seen.add(part); return `(?<p${part}>${k === parts.length - 2 && !parts[k + 1] && /[:.] $/.test(parts[k - 1]) ? "." : "(?:(?!; |: ).)"}+?)`; }).join("");
+  return [new RegExp(`^${pattern}$`, "s"), D.words[text]];
+});
+const translate = (text) => {
+  if (Object.hasOwn(D.words, text)) return D.words[text];
+  if (FORMS.length === 0 || !/[A-Za-z]{2}/.test(text)) return text;
+  for (const [pattern, form] of FORMS) {
+    const match = pattern.exec(text);
+    if (match) return form.replace(/\{(\d)\}/g, (_, k) => translate(match.groups[`p${k}`]));
+  }
+  for (const mark of ["; ", ": "]) if (text.includes(mark)) return text.split(mark).map(translate).join(mark);
+  return text;
+};
+const tr = (text, ...values) => fillIn(translate(text), ...values);
+const inWords = (key, value) => (key === "aria-label" ? translate(String(value)) : value);
 const make = (tag, attributes = {}, ...children) => {
   const node = document.createElement(tag);
-  for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
-  node.append(...children);
+  for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, inWords(key, value));
+  node.append(...children.map((child) => (typeof child === "string" ? translate(child) : child)));
   return node;
 };
 const draw = (parent, tag, attributes = {}, text = "") => {
   const node = document.createElementNS(SVG, tag);
-  for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
-  if (text !== "") node.textContent = text;
+  for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, inWords(key, value));
+  if (text !== "") node.textContent = translate(text);
   parent.append(node);
   return node;
 };
@@ -48,7 +66,7 @@ for (const node of document.querySelectorAll(".tex")) {
   const add = (label, text) => {
     const button = make("button", { type: "button", "aria-label": `Copy as ${label}` }, label);
     button.addEventListener("click", () => {
-      const done = () => { button.textContent = "copied"; setTimeout(() => { button.textContent = label; }, 1200); };
+      const done = () => { button.textContent = tr("copied"); setTimeout(() => { button.textContent = label; }, 1200); };
       if (navigator.clipboard) navigator.clipboard.writeText(text).then(done, () => {});
     });
     bar.append(button);
@@ -57,7 +75,7 @@ for (const node of document.querySelectorAll(".tex")) {
   if (formula.dataset.sympy) { add("SymPy", formula.dataset.sympy); add("C", writeC(formula.dataset.sympy)); }
   formula.append(bar);
 }
-document.querySelectorAll(".scroll").forEach((node, k) => node.setAttribute("aria-label", `Table ${k + 1}`));
+document.querySelectorAll(".scroll").forEach((node, k) => node.setAttribute("aria-label", tr("Table {0}", k + 1)));
 const fitWide = () => {
   for (const set of document.querySelectorAll(".formula.wide .set")) {
     const inner = set.querySelector(".katex-display");
@@ -147,10 +165,17 @@ const drawArm = (svg, { triads, labels, width, height }) => {
       draw(svg, "text", { x: bx - 14, y: by + shift + 12, class: "soft" }, "g");
     }
   }
+  const footOf = (k, before) => {
+    const { R, p } = poses[k], z = R.map((row) => row[2]), way = z.reduce((sum, value, i) => sum + value * (before[i] - p[i]), 0);
+    return p.map((value, i) => value + way * z[i]);
+  };
   const thick = { stroke: "var(--link)", "stroke-width": Math.max(5, Math.min(12, 60 / D.joints.length)), "stroke-linecap": "round", opacity: 0.75 };
   D.joints.forEach((joint, k) => {
     const before = joint.parent < 0 ? [0, 0, 0] : poses[joint.parent].p;
-    line(before, poses[k].p, joint.parent < 0 ? { ...thick, stroke: "var(--rule)" } : thick);
+    const style = joint.parent < 0 ? { ...thick, stroke: "var(--rule)" } : thick;
+    line(before, joint.prismatic ? footOf(k, before) : poses[k].p, style);
+    // A prismatic joint: its guide stays with the parent, the link moves along the axis.
+    if (joint.prismatic) line(footOf(k, before), poses[k].p, { ...thick, "stroke-width": 0.6 * thick["stroke-width"] });
     if (!D.joints.some((other) => other.parent === k)) line(poses[k].p, along(poses[k], joint.tip), thick);
   });
   const arm = reach * (triads ? 0.13 : 0.09);
@@ -164,7 +189,7 @@ const drawArm = (svg, { triads, labels, width, height }) => {
       line(pose.p, end(0, 1, 0), { stroke: "var(--y)", "stroke-width": 1.6 });
       line(pose.p, end(0, 0, 1), { stroke: "var(--z)", "stroke-width": 2.2 });
     }
-    const [x, y] = place(pose.p);
+    const [x, y] = place(joint.prismatic ? footOf(k, joint.parent < 0 ? [0, 0, 0] : poses[joint.parent].p) : pose.p);
     draw(svg, joint.prismatic ? "rect" : "circle", joint.prismatic
       ? { x: (x - 5).toFixed(1), y: (y - 5).toFixed(1), width: 10, height: 10, fill: "var(--ground)", stroke: "var(--accent)", "stroke-width": 2 }
       : { cx: x.toFixed(1), cy: y.toFixed(1), r: 5, fill: "var(--ground)", stroke: "var(--accent)", "stroke-width": 2 });
@@ -270,10 +295,10 @@ const WHY = {
 };
 for (const button of document.querySelectorAll("button.show")) {
   const joint = Number(button.dataset.joint) - 1, kind = button.dataset.kind;
-  button.setAttribute("aria-label", `Show the motion of joint ${joint + 1}`);
+  button.setAttribute("aria-label", tr("Show the motion of joint {0}", joint + 1));
   button.addEventListener("click", () => {
     const start = performance.now(), place = D.coordinates.indexOf(D.joints[joint].master), from = [...state.q];
-    told.textContent = WHY[kind](joint + 1);
+    told.textContent = translate(WHY[kind](joint + 1));
     playing = { joint, kind, q: () => from.map((value, k) => (k === place ? value + 0.9 * Math.sin((performance.now() - start) / 350) : value)) };
     const mine = playing, still = window.matchMedia("(prefers-reduced-motion: reduce)").matches;
     if (window.innerWidth < 1024) panel.scrollIntoView({ block: "start" });
@@ -313,7 +338,7 @@ const plot = (svg, series, { width = 640, height = 260, x: xTitle = "", y: yTitl
 };
 const legend = (entries) => {
   const node = make("p", { class: "caption" });
-  entries.forEach(([colour, text], k) => { const dot = make("span", { style: `color: ${colour}`, "aria-hidden": "true" }, "\u25ac "); node.append(k ? "   " : "", dot, text); });
+  entries.forEach(([colour, text], k) => { const dot = make("span", { style: `color: ${colour}`, "aria-hidden": "true" }, "\u25ac "); node.append(k ? "   " : "", dot, translate(text)); });
   return node;
 };
 
@@ -322,7 +347,7 @@ const updates = [];
 const widget = (name, build) => { for (const node of document.querySelectorAll(`.widget[data-widget="${name}"]`)) build(node); };
 widget("frames", (node) => {
   addPicture(node, "Frames of all links; drag or use the arrow keys to turn them", { width: 680, height: 400, triads: true, labels: D.joints.length < 9 });
-  const note = make("p", { class: "caption" }, "x red, y green, z blue; circles turn, squares slide. Drag the picture to turn it; sliders move the joints.");
+  const note = make("p", { class: "caption" }, "x red, y green, z blue; circles: revolute joints, squares: prismatic joints. Drag the picture to turn it; sliders move the joints.");
   node.append(note);
 });
 const heat = (node, rows, title, unit) => {
@@ -334,10 +359,10 @@ const heat = (node, rows, title, unit) => {
   node.replaceChildren(box, make("p", { class: "caption" }, `${title}${unit}`));
 };
 const square = (flatMatrix, columns) => Array.from({ length: flatMatrix.length / columns }, (_, i) => Array.from(flatMatrix.slice(i * columns, (i + 1) * columns)));
-widget("mass", (node) => updates.push((now) => heat(node, now.M, "The inertia matrix at this posture, from generated code", ", in kg m\u00b2 (kg m, kg for slides)")));
+widget("mass", (node) => updates.push((now) => heat(node, now.M, "The inertia matrix at this posture, from generated code", ", in kg m\u00b2 (kg m, kg at prismatic joints)")));
 widget("gravity", (node) => {
-  const height = 26 * N + 30, svg = draw(node, "svg", { viewBox: `0 0 640 ${height}`, role: "img", "aria-label": "Torques that hold the arm at rest" });
-  node.append(make("p", { class: "caption" }, "Torques (N m; N for slides) that hold the arm at rest at this posture."));
+  const height = 26 * N + 30, svg = draw(node, "svg", { viewBox: `0 0 640 ${height}`, role: "img", "aria-label": "Torques and forces that hold the arm at rest" });
+  node.append(make("p", { class: "caption" }, D.coordinates.some((k) => D.joints[k].prismatic) ? "Torques (N m) and forces of prismatic joints (N) that hold the arm at rest at this posture." : "Torques (N m) that hold the arm at rest at this posture."));
   updates.push((now) => {
     svg.replaceChildren();
     const most = Math.max(1e-9, ...Array.from(now.g, Math.abs));
@@ -417,7 +442,7 @@ widget("energy", (node) => {
     for (const point of curves[3]) { if (Number.isNaN(point[1])) { if (part.length) dashed.push(part); part = []; } else part.push(point); }
     if (part.length) dashed.push(part);
     plot(svg, [{ points: curves[0], colour: "var(--accent)" }, { points: curves[1], colour: "var(--warm)" }, { points: curves[2], colour: "var(--ink)", wide: 1.4 }, ...dashed.map((points) => ({ points, colour: "var(--green)", wide: 4.5, fade: 0.8 }))], { height: 280, x: "time, s", y: "energy, J" });
-    note.textContent = `Motion from this posture, torques of generated code. Work and energy differ by at most ${worst.toExponential(1)} J, of ${show(most)} J.`;
+    note.textContent = translate(`Motion from this posture, torques of generated code. Work and energy differ by at most ${worst.toExponential(1)} J, of ${show(most)} J.`);
   });
 });
 
@@ -580,7 +605,7 @@ const startSprings = () => {
       one.trail.forEach(([x], k) => { if (k) way.push(way[k - 1] + Math.abs(x - one.trail[k - 1][0])); });
       const line = (f) => one.trail.map((entry, k) => [way[k], 1000 * f(entry)]);
       plot(svg, [{ points: line((e) => e[2]), colour: "var(--ink)" }, { points: line((e) => e[3]), colour: "var(--accent)" }, { points: line((e) => e[2] - e[3]), colour: "var(--warm)" }], { height: 240, x: "way of the torsion, rad", y: "energy, mJ" });
-      note.textContent = `Stored ${show(1000 * one.stored)} mJ, lost ${show(1000 * (one.work - one.stored))} mJ: what is lost never decreases.`;
+      note.textContent = translate(`Stored ${show(1000 * one.stored)} mJ, lost ${show(1000 * (one.work - one.stored))} mJ: what is lost never decreases.`);
     });
   });
   widget("inverse", (node) => {
@@ -591,7 +616,7 @@ const startSprings = () => {
       // The inverse goes along the torques of the trail; where it ends is compared.
       let Q = new Float64Array(total), phi = 0;
       for (const [, torque] of one.trail) { const tau = D.stops.map((_, k) => (k === one.joint ? torque : 0)), found = F.hysteresis_inverse_step(tau, ...(total ? [Q] : []), h); Q = found.Q_next ? Float64Array.from(found.Q_next) : Q; phi = (found.phi || found)[one.joint]; }
-      note.textContent = `Checked: along the torques of the motion above, the generated inverse comes to ${show(1000 * phi)} mrad; the torsion is ${show(1000 * one.phi[one.joint])} mrad, difference ${Math.abs(phi - one.phi[one.joint]).toExponential(1)} rad.`;
+      note.textContent = translate(`Checked: along the torques of the motion above, the generated inverse comes to ${show(1000 * phi)} mrad; the torsion is ${show(1000 * one.phi[one.joint])} mrad, difference ${Math.abs(phi - one.phi[one.joint]).toExponential(1)} rad.`);
     });
   });
   const R = reach();
@@ -610,59 +635,19 @@ widget("sides", (node) => {
   put("path", { d: "M 58 95 A 56 56 0 0 1 58 55", stroke: "var(--warm)" });
 });
 
-// Exercises: typed formulas are read here, and compared with the answer at random points.
-const readFormula = (text) => {
-  const tokens = text.replaceAll("\u2212", "-").replaceAll("**", "^").match(/\d+\.?\d*(?:[eE][-+]?\d+)?|\.\d+|[A-Za-z_]\w*|[-+*/^()]|\S/g) || [];
-  let at = 0;
-  const take = (token) => { if (tokens[at] !== token) throw new Error(`expected "${token}"${tokens[at] ? ` in place of "${tokens[at]}"` : " at the end"}`); at += 1; };
-  const sum = () => { let left = product(); while (tokens[at] === "+" || tokens[at] === "-") { const sign = tokens[at] === "+" ? 1 : -1, a = left; at += 1; const b = product(); left = (v) => a(v) + sign * b(v); } return left; };
-  const product = () => {
-    let left = signed();
-    for (;;) {
-      const a = left, token = tokens[at];
-      if (token === "*") { at += 1; const b = signed(); left = (v) => a(v) * b(v); }
-      else if (token === "/") { at += 1; const b = signed(); left = (v) => a(v) / b(v); }
-      else if (token !== undefined && /^[\w.(]/.test(token)) { const b = power(); left = (v) => a(v) * b(v); }
-      else return left;
-    }
-  };
-  const signed = () => { if (tokens[at] === "-") { at += 1; const a = signed(); return (v) => -a(v); } if (tokens[at] === "+") { at += 1; return signed(); } return power(); };
-  const power = () => { const a = atom(); if (tokens[at] !== "^") return a; at += 1; const b = signed(); return (v) => a(v) ** b(v); };
-  const atom = () => {
-    const token = tokens[at];
-    if (token === undefined) throw new Error("the formula is not finished");
-    at += 1;
-    if (token === "(") { const a = sum(); take(")"); return a; }
-    if (/^[\d.]/.test(token)) { const value = Number(token); return () => value; }
-    if (["sin", "cos", "sqrt"].includes(token)) { if (tokens[at] === "(") { at += 1; const a = sum(); take(")"); return (v) => Math[token](a(v)); } const a = atom(); return (v) => Math[token](a(v)); }
-    const wave = /^([scSC])(\d+)$/.exec(token);
-    if (wave && !(token in D.values)) { const joints = D.joints.length < 10 ? [...wave[2]] : [wave[2]], f = wave[1].toLowerCase() === "s" ? Math.sin : Math.cos; return (v) => f(joints.reduce((total, number) => total + v[`q${number}`], 0)); }
-    if (!/^[A-Za-z_]/.test(token)) throw new Error(`"${token}" was not expected`);
-    return (v) => { if (!(token in v)) throw new Error(`"${token}" is no letter of this lesson`); return v[token]; };
-  };
-  const whole = sum();
-  if (at < tokens.length) throw new Error(`"${tokens[at]}" was not expected`);
-  return whole;
-};
-const markFormula = (text, answer) => {
-  const found = readFormula(text);
-  for (const [name, formula] of LESSON_FORMULAS)
-    if (String(formula) === String(answer) && new RegExp(`\\b${name}\\b`).test(text)) throw new Error(`"${name}" is what is asked for`);
-  for (let trial = 0; trial < 8; trial += 1) {
-    const v = computeValues(state.q.map(() => 4 * Math.random() - 2), state.q.map(() => 4 * Math.random() - 2));
-    for (const name of [...Object.keys(D.values), ...Object.keys(D.standard)]) v[name] = 0.2 + Math.random();
-    for (const [name, formula] of LESSON_FORMULAS) v[name] = formula(v);
-    const right = answer(v);
-    if (!(Math.abs(found(v) - right) <= 1e-9 * Math.max(1, Math.abs(right)))) return false;
-  }
-  return true;
+// Exercises: typed formulas are compared with the answer at random points.
+const drawPoint = () => {
+  const v = computeValues(state.q.map(() => 4 * Math.random() - 2), state.q.map(() => 4 * Math.random() - 2));
+  for (const name of [...Object.keys(D.values), ...Object.keys(D.standard)]) v[name] = 0.2 + Math.random();
+  for (const [name, formula] of LESSON_FORMULAS) v[name] = formula(v);
+  return v;
 };
 widget("exercises", (node) => LESSON_EXERCISES.forEach((one, place) => {
   const box = make("div", { class: "exercise", id: `exercise-${place + 1}` }), verdict = make("span", { class: "verdict", role: "status" });
   const prompt = make("p", {}, make("strong", {}, `${place + 1}. `));
   one.prompt.split("$").forEach((part, k) => prompt.append(k % 2 ? tex(part) : part));
   box.append(prompt);
-  const say = (right, text) => { verdict.textContent = text || (right ? "right" : "not yet"); verdict.className = `verdict ${right ? "right" : "wrong"}`; };
+  const say = (right, text) => { verdict.textContent = text || tr(right ? "right" : "not yet"); verdict.className = `verdict ${right ? "right" : "wrong"}`; };
   const button = make("button", { type: "button" }, "check");
   if (one.options) {
     one.options.forEach((option) => {
@@ -675,13 +660,15 @@ widget("exercises", (node) => LESSON_EXERCISES.forEach((one, place) => {
     const input = make("input", { type: "text", "aria-label": `Answer ${place + 1}`, autocomplete: "off", spellcheck: "false" });
     box.append(input, " ");
     const check = () => {
-      try { say(one.number === undefined ? markFormula(input.value, one.formula) : Math.abs(readFormula(input.value)({ ...D.values }) - one.number) <= 0.01 * Math.max(0.01, Math.abs(one.number))); } catch (error) { say(false, error.message); }
+      try { say(one.number === undefined ? compareFormula(input.value, one.formula, LESSON_FORMULAS, drawPoint, D.reading, tr) : Math.abs(evaluateNumber(readFormula(input.value, D.reading, tr), D.values, tr) - one.number) <= 0.01 * Math.max(0.01, Math.abs(one.number))); } catch (error) { say(false, error.message); }
     };
     button.addEventListener("click", check);
     input.addEventListener("keydown", (event) => { if (event.key === "Enter") check(); });
   }
-  const answer = make("details", {}, make("summary", {}, "Answer"), make("p", {}));
-  one.answer.split("$").forEach((part, k) => answer.lastChild.append(k % 2 ? tex(part) : part));
+  const answer = make("details", {}, make("summary", {}, "Answer")), typed = make("p", {}, make("code", {}, one.answer));
+  if (one.latex) answer.append(make("p", {}, tex(one.latex)));
+  if (one.note) typed.append(one.number === undefined ? `: ${one.note}` : ` ${one.note}`);
+  answer.append(typed);
   box.append(button, verdict, answer);
   node.append(box);
 }));

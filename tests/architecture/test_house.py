@@ -7,11 +7,11 @@ import pytest
 from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
-    "files of symid/": 227,
-    "lines": 85_230,
+    "files of symid/": 228,
+    "lines": 85_743,
     "imports inside functions": 82,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
-    "lines of tests": 60_070,  # Faults of samples, and plants of the judge, are tested on their own.
+    "lines of tests": 60_610,  # Faults of samples, and plants of the judge, are tested on their own.
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }

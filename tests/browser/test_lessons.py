@@ -1,5 +1,6 @@
 """Lessons in a headless Chromium: what a reader sees is what the library computes; nothing is asked for."""
 
+import re
 import subprocess
 
 import numpy as np
@@ -152,18 +153,18 @@ def test_exercises_are_marked(browser, tmp_path):
     browser.open(page.path)
     assert browser.messages == []
     assert browser.run("LESSON_EXERCISES.length") == 10
-    formulas = browser.run("LESSON_EXERCISES.map((one) => [Boolean(one.formula), one.answer])")
+    formulas = browser.run("LESSON_EXERCISES.map((one) => [Boolean(one.formula), one.answer, one.latex])")
     answer = (
         "(() => { const box = document.getElementById('exercise-%d'), input = box.querySelector('input'); "
         "input.value = %r; box.querySelector('button').click(); "
         "return box.querySelector('.verdict').textContent; })()"
     )
     marked = 0
-    for place, (is_formula, text) in enumerate(formulas, start=1):
-        if is_formula and "as text " in text:
-            right = text.split("as text ")[1]
+    for place, (is_formula, right, latex) in enumerate(formulas, start=1):
+        if is_formula and latex:
             for typed, verdict in (
                 (right, "right"),
+                (latex, "right"),
                 (right.replace("*", " ").replace("  ", "^"), "right"),
                 (f"{right} + 0.001", "not yet"),
                 (f"{right} + (", "the formula is not finished"),
@@ -181,6 +182,57 @@ def test_exercises_are_marked(browser, tmp_path):
     number = browser.run(f"LESSON_EXERCISES[{place}].number")
     assert browser.run(answer % (place + 1, f"{number:.4g}")) == "right"
     assert browser.run(answer % (place + 1, f"{number * 1.05:.4g}")) == "not yet"
+
+
+ENGLISH = r"\b(the|of|and|with|is|are|that|by|its|from|to|for|which|this|turns|link|joint|torque|as|answer)\b"
+SHOWN = (
+    "(() => { const body = document.body.cloneNode(true); "
+    "body.querySelectorAll('.tex, script, style, code, math, .katex').forEach((x) => x.remove()); "
+    "const labels = [...document.querySelectorAll('[aria-label]')].map((x) => x.getAttribute('aria-label')); "
+    "return [body.textContent, ...labels, document.title].join(' | '); })()"
+)
+
+
+@pytest.mark.parametrize("name", ["ppr", "two_link_elastic", "scara"])
+def test_a_german_page_has_no_english_on_it(browser, tmp_path, name):
+    page = symid.load(name).write_lesson(tmp_path / "page.html", exercises=6, seed=2, lang="de")
+    browser.size(1280, 900)
+    browser.open(page.path)
+    assert browser.messages == []
+    assert browser.run("document.documentElement.lang") == "de"
+    browser.run("document.querySelectorAll('button.show').forEach((x) => x.click())")
+    press(browser, "nur dieses Gelenk bewegt sich")
+    shown = (
+        browser.run(SHOWN)
+        .replace(name.replace("_", " "), "")
+        .replace(symid.load(name).description.description, "")
+    )
+    found = re.search(rf".{{30}}{ENGLISH}.{{30}}", shown, re.IGNORECASE | re.DOTALL)
+    assert not found, found
+    place = browser.run("LESSON_EXERCISES.findIndex((one) => one.formula)") + 1
+    box = f"document.querySelector('#exercise-{place}')"
+    for typed, verdict in (("(", "nicht zu Ende"), ("xyzzy", "kein Formelzeichen"), ("0", "noch nicht")):
+        browser.run(f"{box}.querySelector('input').value = {typed!r}; {box}.querySelector('button').click()")
+        assert verdict in browser.run(f"{box}.querySelector('.verdict').textContent")
+
+
+LINES = (
+    "[...document.querySelectorAll('aside svg line')].filter((x) => x.getAttribute('opacity') === '0.75')"
+    ".map((x) => ['x1', 'y1', 'x2', 'y2', 'stroke-width'].map((key) => Number(x.getAttribute(key))))"
+)
+
+
+def test_a_prismatic_link_is_drawn_along_its_axis(visit):
+    """The line from the guide to the link has the direction of z, wherever the joint stands."""
+    browser = visit("scara")
+    for d in (0.0, 0.15, -0.3):
+        browser.run(f"window.lesson.move([0.3, 0.5, 0.2, {d}])")
+        lines = browser.run(LINES)
+        thin = min(line[4] for line in lines)
+        (rod,) = [line for line in lines if line[4] == thin]
+        # The stroke is upright, and so it is in the picture.
+        assert rod[0] == pytest.approx(rod[2], abs=0.2)
+        assert (abs(rod[1] - rod[3]) > 1.0) == (d != 0.0)
 
 
 PRESS = (

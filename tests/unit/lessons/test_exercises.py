@@ -66,8 +66,8 @@ def test_a_wrong_formula_is_wrong_by_however_little(comparison):
         ("m2*(lc2 5)) + 1", '")" was not expected'),
         ("m2 +", "the formula is not finished"),
         ("m3 g", '"m3" is no letter of this lesson'),
-        ("m2 $ g", '"$" was not expected'),
-        ("__import__('os')", '"\'" was not expected'),
+        ("m2 # g", '"#" was not expected'),
+        ("__import__('os')", '"_" was not expected'),
         ("m2/(c1^2 + s1^2 - 1)", "divides by zero"),
         ("(q1 - q1)^-1", "divides by zero"),
         ("sin(m2)", "sum of joint angles"),
@@ -81,7 +81,7 @@ def test_a_wrong_formula_is_wrong_by_however_little(comparison):
         ("sqrt(m2)", "sqrt takes a number"),
         ("(" * 100 + "m2" + ")" * 100, "nested more than 60 deep"),
         ("m2 + " * 2000 + "m2", "longer than 1200"),
-        ("\N{GREEK SMALL LETTER THETA} + 1", "was not expected"),
+        ("\N{GREEK SMALL LETTER THETA} + 1", '"theta" is no letter'),
     ],
 )
 def test_what_cannot_be_read_says_why(comparison, typed, message):
@@ -136,7 +136,7 @@ def fill(lesson, change=None):
     answers = re.findall(r"^   (.*)$", lesson.answers.read_text(encoding="utf-8"), re.MULTILINE)
     text = lesson.sheet.read_text(encoding="utf-8")
     for number, answer in enumerate(answers, start=1):
-        short = answer.rpartition("as text ")[2].partition(":")[0].removesuffix(" N m")
+        short = answer.partition(":")[0].removesuffix(" N m")
         text = text.replace(f"answer {number} =", f"answer {number} = {(change or {}).get(number, short)}")
     path = lesson.sheet.with_name("ann.txt")
     path.write_text(text, encoding="utf-8")
@@ -184,6 +184,7 @@ def test_a_sheet_of_another_robot_or_without_settings_is_refused(lesson):
         (b"answer 1 = 0\n", "no line"),
         (text.replace("exercises 8", "exercises many").encode(), "was changed"),
         (text.replace("notation symid", "notation none").encode(), "was changed"),
+        (text.replace("lang en", "lang xx").encode(), "was changed"),
         (b"\xff\xfe\x00", "no text in UTF-8"),
     ):
         path.write_bytes(changed)

@@ -71,14 +71,15 @@ def test_textbook_forms_chains_and_named_lengths():
     )
     found = matrices.derive_equations(matrices.build_model(arm))
     sums = [textbook.write_sum(value, found.model.sums) for value in (found.mass[1][2], found.gravity[2])]
-    assert list(map(textbook.write_text, sums)) == ["ZZ3 + L2*(MX3*c3 - MY3*s3)", "g*(MX3*c123 - MY3*s123)"]
+    texts = [textbook.write_text(one, matrices.PLAIN_BOOK) for one in sums]
+    assert texts == ["ZZ3 + L2*(MX3*c3 - MY3*s3)", "g*(MX3*c123 - MY3*s123)"]
     latex = textbook.write_latex(sums[1], textbook.build_style(textbook.get_book("khalil")))
     assert latex == r"g \, (\mathit{MX}_{3} \, C_{123} - \mathit{MY}_{3} \, S_{123})"
     arm = build_chain(
         [(0.0, 0, 0, "q"), (PI, 0.3, 0, "q"), (PI / 2, 0, 0, "q"), (0.0, 0.2, "q", 0.0), (0.0, 0.1, 0, "q")]
     )
     assert textbook.list_chains(arm) == (((1, 1), (2, -1)), ((3, 1), (5, 1)))
-    named, lengths = matrices.name_lengths(load_robot("panda"))
+    named, lengths = matrices.name_lengths(load_robot("panda"), matrices.PLAIN_BOOK)
     assert (lengths["a4"], lengths["a5"]) == (0.0825, -0.0825)
     assert dict(named.symbols)["g"] == 9.81
     # The notice is usage.notation.

@@ -18,7 +18,7 @@ from symid.robot.toml_reader import parse_robot
 
 
 def write_lesson_page(*arguments, **options):
-    return write_parts(*arguments, **options).html
+    return write_parts(*arguments, **options).text
 
 
 def list_formulas(page):
@@ -87,7 +87,7 @@ def test_texts_of_the_file_are_escaped_in_pages_and_documents():
     assert "{{STYLE}}" in text
     plain = write_lesson_page(load_robot("two_link"), get_book("symid"))
     assert text.count("KaTeX_Main") == plain.count("KaTeX_Main")
-    text = write_lesson_tex(parse_robot(robot % ("100 % & #1 {x}", "a^b")), get_book("symid"))
+    text = write_lesson_tex(parse_robot(robot % ("100 % & #1 {x}", "a^b")), get_book("symid")).text
     assert r"100 \% \& \#1 \{x\}" in text
     assert r"a\textasciicircum{}b" in text
     assert r"\title{a\_b: equation of motion}" in text

@@ -1,0 +1,133 @@
+"""Lessons in German: every fixed sentence is in the table, and a sheet is marked in its language."""
+
+import re
+
+import pytest
+
+import symid
+from symid.cli.main import run
+from symid.environment import locate_resource_folder
+from symid.lessons import get_book
+from symid.lessons.chapters import list_items
+from symid.lessons.dynamic_chapters import build_lesson
+from symid.lessons.page import write_lesson_page
+from symid.lessons.words import load_pairs, load_words
+from symid.robot import load_robot
+
+ENGLISH = re.compile(
+    r"\b(the|of|and|with|is|are|that|by|its|from|to|for|which|this|turns|link|joint|torque|as|only|answer)\b",
+    re.IGNORECASE,
+)
+TITLES = re.compile(
+    r"Robotics - Modelling, Planning and Control|Craig: [^(]*|Modeling, Identification and Control of Robots"
+)
+
+
+def list_texts(robot, book):
+    lesson = build_lesson(robot, book, language="de")
+    names = {joint.name for joint in robot.joints}
+    for chapter in lesson.chapters:
+        yield chapter.title
+        for item in list_items(chapter.items):
+            yield from (text for row in item.rows for text in row if text not in names)
+            if item.kind in ("text", "hint", "check", "details"):
+                yield item.text
+            yield from re.findall(r"\\text\{([^{}]*)\}", item.latex)
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        "two_link",
+        "two_link_symbols",
+        "two_link_elastic",
+        "ppr",
+        "scara",
+        "rrp_twisted",
+        "emps",
+        "quadruped",
+        "two_arms",
+    ],
+)
+def test_no_sentence_of_a_chapter_stays_in_english(name):
+    for book in (get_book("symid"), get_book("siciliano")) if name != "quadruped" else (get_book("craig"),):
+        for text in list_texts(load_robot(name), book):
+            bare = re.sub(r"\$[^$]*\$|`[^`]*`|show:\S+", "", text)
+            assert not ENGLISH.search(bare), text
+
+
+def test_texts_of_the_script_are_in_the_table():
+    folder = locate_resource_folder("templates") / "lesson"
+    source = "".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in ("formulas", "lesson"))
+    source += (folder / "identification.js").read_text(encoding="utf-8")
+    said = [
+        "".join(pair) for pair in re.findall(r"""\b(?:tr|stop|translate)\((?:"([^"]*)"|'([^']*)')""", source)
+    ]
+    said += [text for text in re.findall(r'"([A-Za-z][^"\\]* [^"\\]*)"', source) if ENGLISH.search(text)]
+    assert len(said) > 60
+    words = load_words("de")
+    for text in said:
+        assert words(text) != text, text
+
+
+@pytest.mark.parametrize("notation", ["siciliano", "khalil"])
+def test_a_page_has_its_language(notation):
+    robot = load_robot("ppr")
+    page = write_lesson_page(robot, get_book(notation), exercises=8, seed=3, language="de")
+    assert '<html lang="de">' in page.text
+    body = page.text.split("<body>")[1].split("<script>")[0]
+    shown = re.sub(r'<span class="tex">.*?</span>|<code>.*?</code>|<[^>]*>', " ", body)
+    shown = TITLES.sub("", shown).replace(robot.description, "")
+    assert not ENGLISH.search(shown), ENGLISH.search(shown)
+    for text in (page.sheet, page.answers):
+        assert not ENGLISH.search(re.sub(r"symid derive|--\S+", "", text)), text
+    assert '<html lang="en">' in write_lesson_page(robot, get_book(notation)).text
+
+
+def test_forms_hold_what_differs_and_lists_are_read_part_by_part():
+    words = load_words("de")
+    assert words("joint 3") == "Gelenk 3"
+    reason = (
+        "link 2 turns about its z axis only; identifiable only together with YY3, M3. YY3: XX3 + YY3 does "
+        "not change as joint 3 turns; only XX3 - YY3 does; M3: mass on the axis of joint 3 is not moved by "
+        "that joint, so it moves with the base"
+    )
+    assert not ENGLISH.search(words(reason)), words(reason)
+    assert words("something else") == "something else"
+    assert load_words("en")(reason) == reason
+    for english, german in load_pairs("de").items():
+        assert set(re.findall(r"\{\d\}", english)) == set(re.findall(r"\{\d\}", german)), english
+        assert english.count("`") == german.count("`"), english
+
+
+def test_a_german_sheet_is_marked(tmp_path, capsys):
+    path = tmp_path / "lektion.html"
+    options = ["--notation", "siciliano", "--exercises", "6", "--seed", "2", "--lang", "de", "-q"]
+    assert run(["derive", "two_link", "--html", str(path), *options]) == 0
+    sheet, answers = (path.with_suffix(f".{kind}.txt") for kind in ("exercises", "answers"))
+    text = sheet.read_text(encoding="utf-8")
+    given = re.findall(r"^   (.*)$", answers.read_text(encoding="utf-8"), re.MULTILINE)
+    assert "--lang de" in text
+    for number, answer in enumerate(given, start=1):
+        short = answer.partition(":")[0].removesuffix(" N m").replace(".", ",")
+        text = text.replace(f"Antwort {number} =", f"Antwort {number} = {short}")
+    sheet.write_text(text, encoding="utf-8")
+    capsys.readouterr()
+    assert run(["derive", "two_link", "--check", str(sheet)]) == 0
+    assert "6 of 6 right" in capsys.readouterr().out
+
+
+def test_a_document_has_exercises_in_its_language(tmp_path):
+    robot = symid.load("ppr")
+    lesson = robot.write_lesson(tmp_path / "lektion.tex", exercises=4, seed=3, lang="de")
+    text = lesson.path.read_text(encoding="utf-8")
+    assert r"\section{Aufgaben}" in text
+    assert text.count(r"\item ") == 4
+    assert "Welche Kraft (N)" in text
+    assert r"\textbf{Geprüft}, #1" in text
+    assert lesson.sheet.read_text(encoding="utf-8").count("Antwort") == 5
+    assert lesson.answers.exists()
+    english = robot.write_lesson(tmp_path / "lesson.tex").path.read_text(encoding="utf-8")
+    assert r"\begin{enumerate}" not in english
+    with pytest.raises(symid.UsageError, match="part of a page"):
+        robot.write_lesson(tmp_path / "lesson.ipynb", exercises=4)
