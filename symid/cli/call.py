@@ -103,8 +103,9 @@ def answer_saved(result: Any, output: Path | None, what: str, *lines: str, **add
     return make_answer(result, *lines, *saved, file=output, **added)
 
 
-_CLEAR, _SILENCE = "\r\x1b[K", 2.0
-"""What clears a line of a terminal; seconds without a word."""
+_WIDE, _SILENCE = 79, 2.0
+"""Columns of a line of a terminal that is written again, and seconds without a word before it is."""
+_CLEAR = f"\r{'':{_WIDE}}\r"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -135,11 +136,8 @@ class Console:
             while not done.wait(1.0):
                 passed = time.monotonic() - self.start
                 if passed > _SILENCE:
-                    click.echo(
-                        f"{_CLEAR}{self.stages[-1] if self.stages else 'working'}: {passed:.0f} s",
-                        err=True,
-                        nl=False,
-                    )
+                    stage = self.stages[-1] if self.stages else "working"
+                    click.echo(f"{_CLEAR}{f'{stage}: {passed:.0f} s'[:_WIDE]}", err=True, nl=False)
 
         thread = threading.Thread(target=show, daemon=True)
         thread.start()
@@ -315,8 +313,7 @@ def _answer(arguments: Sequence[str]) -> int:
         print_answer(answer, console, as_json=as_json, verbose=verbose, whole=whole)
         sys.stdout.flush()
     except (KeyboardInterrupt, click.Abort):
-        print_errors([Notice(code="symid.interrupted", text="interrupted")], as_json=as_json)
-        return EXIT_INTERRUPTED
+        return _explain_interruption(as_json=as_json)
     except click.exceptions.NoArgsIsHelpError as error:
         click.echo(error.format_message(), err=True)
         return EXIT_USAGE
@@ -344,8 +341,16 @@ def _answer(arguments: Sequence[str]) -> int:
     return answer.exit_code
 
 
+def _explain_interruption(*, as_json: bool) -> int:
+    print_errors([Notice(code="symid.interrupted", text="interrupted")], as_json=as_json)
+    return EXIT_INTERRUPTED
+
+
 def _explain_shortage(reason: str, *, as_json: bool) -> int:
     """Report in one line that memory ran out, or may have: C code fails in many ways without it."""
+    # Solvers in C make errors of their own of an interruption, after which both signals are ignored.
+    if all(signal.getsignal(one) is signal.SIG_IGN for one in (signal.SIGINT, signal.SIGTERM)):
+        return _explain_interruption(as_json=as_json)
     limit = find_memory_limit()
     if limit is None:
         text = f"memory ran out ({reason}); end other programs, or give less data"

@@ -7,6 +7,7 @@ that was called waits, light enough to answer from the first moment, and a fork 
 Not supported: systems without `sigtimedwait` (macOS, Windows): there one process does both, as far as it can.
 """
 
+import atexit
 import contextlib
 import math
 import os
@@ -52,6 +53,9 @@ def _work(arguments: Sequence[str]) -> int:
             signal.signal(number, _interrupt)
     try:
         return run(arguments)
+    except SystemExit as ended:
+        # What completes words for a shell ends by itself.
+        return ended.code if isinstance(ended.code, int) else 0
     except KeyboardInterrupt:
         # It came while modules were loaded, or while the answer was printed.
         os.write(2, b"error: interrupted\n")
@@ -78,7 +82,12 @@ def _work_in_fork(arguments: Sequence[str]) -> int:
         code = _work(arguments)
         # C code may call exit() by itself: only a code that comes this way is an answer.
         os.write(writer, bytes([code]))
-        return code
+        # Whoever called in Python may catch SystemExit, and must not go on twice.
+        atexit._run_exitfuncs()  # noqa: SLF001  nothing else ends a fork in order
+        for stream in filter(None, (sys.stdout, sys.stderr)):
+            with contextlib.suppress(OSError, ValueError):
+                stream.flush()
+        os._exit(code)
     os.close(writer)
     end, ended = math.inf, 0
     while not ended:

@@ -1,7 +1,6 @@
 """The verbs on an estimate: `symid validate`, `symid compare`, `symid report`, `symid export`."""
 
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from time import strftime
 from typing import Any
@@ -157,11 +156,11 @@ def compare_command(
 @cli.output_option(
     "Page to write.",
     *(
-        cli.OUTPUT(name, text, default=default, show_default=False, metavar="TEXT")
-        for name, text, default in (
-            ("--title", "Title of the page.  [default: robot and subject]", ""),
-            ("--author", "Author, below the title.", ""),
-            ("--date", "Date, below the title.  [default: today]", partial(strftime, "%Y-%m-%d")),
+        cli.OUTPUT(name, text, default="", show_default=False, metavar="TEXT")
+        for name, text in (
+            ("--title", "Title of the page.  [default: robot and subject]"),
+            ("--author", "Author, below the title."),
+            ("--date", "Date, below the title.  [default: today, where an author is given]"),
         )
     ),
     required=True,
@@ -198,6 +197,8 @@ def report_command(
         )
         raise UsageError(Notice(code="usage.no-validation", text=text))
     cli.check_output(output, force=force, inputs=(estimate, *logs))
+    # The same call gives the same page on another day, but for one that somebody signs.
+    heading["date"] = heading["date"] or strftime("%Y-%m-%d") * bool(heading["author"])
     other = load_other(estimate)
     if other is not None:
         given = ["--validation"] * bool(logs) + ["--diagnose"] * diagnose

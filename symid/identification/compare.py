@@ -437,7 +437,7 @@ def check_files(paths: Sequence[Path], source: Path | None = None) -> None:
             notices.append(Notice(code="estimate.format", text=text, file=str(path)))
     if notices:
         raise EstimateError(*notices)
-    seen = {} if source is None else {source.resolve(): source}
+    seen = {} if source is None else {Path(source).resolve(): source}
     for path in paths:
         if path.resolve() in seen:
             text = f"the same file as {seen[path.resolve()]}; give each file once"

@@ -83,8 +83,9 @@ def test_a_report_with_a_diagnosis(logs, estimate, tmp_path):
         "Structure of the residual",
     ):
         assert heading in text
-    # The spectrum, three profiles a joint, three figures a joint of the held-out log, and perhaps an ellipse.
-    assert figures in (15, 16)
+    # The robot, significance, singular values, perhaps an ellipse; of a joint three profiles, and measured
+    # and predicted torque and what is between them.
+    assert figures in (13, 14)
     first = page.read_bytes()
     do(*call, "--force")
     assert page.read_bytes() == first

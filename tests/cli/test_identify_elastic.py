@@ -298,9 +298,7 @@ def test_positions_of_links_alone_are_no_motor_side(link_side):
     # What no robot has limits a fit, which may predict these logs all the same.
     answer = do("identify", "two_link_elastic", plain, *wide)
     assert answer["result"]["verdict"]["level"] in {"usable", "doubtful"}
-    assert re.search(
-        r"estimates differ significantly from true values: .*IA2", answer["result"]["verdict"]["headline"]
-    )
+    assert "not identifiable from these logs" in answer["result"]["verdict"]["headline"]
     assert "IA2" in find_texts(answer, "elastic.negative-rotor")
     answer = do("identify", "two_link_elastic", plain)
     rotor = next(entry for entry in answer["result"]["parameters"] if entry["name"] == "IA2")

@@ -112,7 +112,7 @@ def test_one_call_fits_and_predicts(capsys, folder, estimate):
     assert f"{left:.4f} %" in out
     assert "page: " in out
     # The page shows what the held-out part was predicted by.
-    assert f"<dt>residual of the torque in the held-out log</dt><dd>{left:.2g} %</dd>" in text
+    assert f"<dt>residual of the torque on a held-out log</dt><dd>{left:.2g} %</dd>" in text
     assert text.count("Measured and predicted torque") >= 2
 
 

@@ -88,9 +88,8 @@ def test_forms_hold_what_differs_and_lists_are_read_part_by_part():
     words = load_words("de")
     assert words("joint 3") == "Gelenk 3"
     reason = (
-        "link 2 turns about its z axis only; identifiable only together with YY3, M3. YY3: XX3 + YY3 does "
-        "not change as joint 3 turns; only XX3 - YY3 does; M3: mass on the axis of joint 3 is not moved by "
-        "that joint, so it moves with the base"
+        "YY2, YY3: XX + YY does not change as the joint turns, only XX - YY does; M3: mass on the axis of a "
+        "revolute joint moves with the link before"
     )
     assert not ENGLISH.search(words(reason)), words(reason)
     assert words("something else") == "something else"
