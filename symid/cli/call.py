@@ -130,12 +130,13 @@ class Console:
         if self.quiet or not sys.stderr.isatty():
             yield
             return
-        done = threading.Event()
+        done, shown = threading.Event(), threading.Event()
 
         def show() -> None:
             while not done.wait(1.0):
                 passed = time.monotonic() - self.start
                 if passed > _SILENCE:
+                    shown.set()
                     stage = self.stages[-1] if self.stages else "working"
                     click.echo(f"{_CLEAR}{f'{stage}: {passed:.0f} s'[:_WIDE]}", err=True, nl=False)
 
@@ -146,7 +147,8 @@ class Console:
         finally:
             done.set()
             thread.join()
-            click.echo(_CLEAR, err=True, nl=False)
+            if shown.is_set():
+                click.echo(_CLEAR, err=True, nl=False)
 
     def detail(self, text: str) -> None:
         """Print a detail with --verbose."""

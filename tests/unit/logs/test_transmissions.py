@@ -52,7 +52,7 @@ def test_zeros_are_added_on_the_joint_side(make_robot, columns, write_npz):
     path = write_npz(**columns)
     before, after = (read_recording(path, entry) for entry in (robot, moved))
     np.testing.assert_allclose(after.position - before.position, np.tile(offset, (50, 1)), atol=1e-14)
-    assert "; 0.5, -1.570796327 was added" in after.notices[0].text
+    assert "; 0.5, -1.570796 was added" in after.notices[0].text
     robot = make_robot(position=(("q",), "rad"))
     robot = replace(robot, log=replace(robot.log, position=replace(robot.log.position, offset=(0.25,))))
     recording = read_recording(write_npz(**columns), robot)
