@@ -63,7 +63,7 @@ def test_a_rigid_joint_with_two_encoders_has_one_position(mixed, motion):
     plain = identify_by(mixed, build(mixed, motion), "weighted")
     assert found.values == plain.values
     (notice,) = (entry for entry in found.notices if entry.code == "log.rigid-joint")
-    assert "0.003 rad on the mean" in notice.text
+    assert "0.003 rad in the mean" in notice.text
     # A channel without an encoder is not used, and its zeros are no news.
     dead = link * np.array([1.0, 0.0])
     other = identify_by(mixed, build(mixed, (time, motor, dead, torque)), "weighted")

@@ -143,7 +143,8 @@ def test_figures_are_drawn_into_axes_of_ones_own(fit, logs):
     one = Axes()
     fit.plot(ax=one)
     (values,) = (args for name, args, _ in one.calls if name == "plot")
-    assert sorted(values[0]) == sorted(entry.relative_std_percent for entry in fit.parameters)
+    sizes = [abs(entry.value) / entry.std for entry in fit.parameters]
+    assert sorted(values[0]) == pytest.approx(sorted(sizes))
     for other in (1, [], "ax", [one, 1]):
         with raises(symid.UsageError, "usage.axes", match=r"expected axes of matplotlib"):
             fit.plot(ax=other)
