@@ -61,7 +61,7 @@ def test_a_file_without_processing_still_gives_sound_results(two_link, recording
     assert estimate.notices[0].code == "identify.automatic"
     cutoff = estimate.settings["processing"]["filter_cutoff"]
     assert cutoff == pytest.approx(balance_cutoff(runs[:1]), rel=5e-3)
-    assert f"one row in 5, positions pass a low-pass at {cutoff:g} Hz" in estimate.notices[0].text
+    assert f"one sample in 5, positions pass a low-pass at {cutoff:g} Hz" in estimate.notices[0].text
     assert estimate.settings["chosen"] == ["filter_cutoff", "decimation.factor", "standstill"]
     low = replace(two_link.processing, filter_cutoff=50.0)
     codes = [notice.code for notice in identify_parameters(library, runs[:1], low).notices]
