@@ -85,7 +85,7 @@ test: lint
 	$(PYTEST) --numprocesses $(WORKERS) --dist loadfile -m "not slow and not long"
 
 test-all: lint
-	$(PYTEST) --numprocesses $(WORKERS) --dist loadfile
+	$(PYTEST) --numprocesses $(WORKERS) --dist loadfile $(REST)
 
 # Every URDF of a package of seventy, with a table; small drifts in twenty plants of 500 robots, with a line.
 test-slow: $(VENV)/dev
