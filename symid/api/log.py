@@ -506,5 +506,9 @@ class RobotCheck(DrawnResult, PagedResult):
         """Return the robot, the joints of every log, and the identifiability of the parameters."""
         return report.robot_text.show_robot_check(self.robot, self.product)
 
+    def brief(self) -> "tuple[report.Block, ...]":
+        """Return the same for a first screen: of the parameters those that are not identifiable."""
+        return report.robot_text.show_robot_check(self.robot, self.product, brief=True)
+
     def _describe(self) -> dict[str, object]:
         return report.robot_text.describe_robot_check(self.robot, self.product)

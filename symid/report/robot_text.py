@@ -8,6 +8,7 @@ import html
 import re
 import textwrap
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from symid import dynamics, logs
@@ -357,8 +358,8 @@ def summarise_robot(robot: Robot) -> str:
     return f"{robot.name}, {robot.size} joint{'s'[: robot.size != 1]}, {convention}"
 
 
-def show_robot_check(robot: Robot, checked: "LogsCheck") -> tuple[Block, ...]:
-    """Return what was read, the joints of every log, and which parameters are identifiable."""
+def show_robot_check(robot: Robot, checked: "LogsCheck", *, brief: bool = False) -> tuple[Block, ...]:
+    """Return what was read, the joints of every log, and which parameters are identifiable, or not if `brief`."""
     head = f"{robot.path}: {summarise_robot(robot)}: no mistakes"
     if not checked.logs:
         return (head,)
@@ -384,7 +385,10 @@ def show_robot_check(robot: Robot, checked: "LogsCheck") -> tuple[Block, ...]:
             f"singular values of the scaled matrix about its rank {found.rank} of {len(found.singular)}: "
             f"{'... ' if first else ''}{' '.join(shown)}"
         )
-        blocks += [text, show_identifiable(found, "std/%")]
+        if brief:
+            weak = tuple(entry for entry in found.parameters if entry.verdict != _VERDICTS[0])
+            found = replace(found, parameters=weak)
+        blocks += [text, *[show_identifiable(found, "std/%")] * bool(found.parameters)]
     return tuple(blocks)
 
 
