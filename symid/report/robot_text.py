@@ -359,7 +359,7 @@ def summarise_robot(robot: Robot) -> str:
 
 
 def show_robot_check(robot: Robot, checked: "LogsCheck", *, brief: bool = False) -> tuple[Block, ...]:
-    """Return what was read, the joints of every log, and which parameters are identifiable, or not if `brief`."""
+    """Return what was read, the joints of every log, and the identifiability; if `brief` where it lacks."""
     head = f"{robot.path}: {summarise_robot(robot)}: no mistakes"
     if not checked.logs:
         return (head,)
