@@ -225,7 +225,7 @@ def _tabulate(
     blocks = decimate_blocks(evaluate, len(signals.time), decimation)
     table = np.vstack([rows[-part.start % step :: step] for part, rows in blocks])
     if signals.bad is not None:
-        # Nothing is left unexplained of samples that are wrong.
+        # Samples that are wrong have no residual.
         table[mask_decimated(signals.bad, decimation)[::step, joint]] = 0.0
     return table
 

@@ -135,7 +135,7 @@ class MethodTrial:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ElasticEvidence:
-    """What is left unexplained, one value a joint.
+    """Held-out residuals, one value a joint.
 
     Args:
         held_out: percent of a motor's torque below the edge of the band that fits of the dynamics without
@@ -161,7 +161,7 @@ class ElasticEstimate(DynamicsRecord):
     """Dynamics and springs of a robot whose joints are elastic.
 
     `parameters` are base parameters, rotor inertias and friction, in this order; `residual` is the torque
-    left unexplained by dynamics and springs, joint by joint, filtered; `refused` names springs too.
+    unexplained by dynamics and springs, joint by joint, filtered; `refused` names springs too.
 
     Args:
         method: whose result this is; `reason` why it was chosen.
@@ -170,7 +170,7 @@ class ElasticEstimate(DynamicsRecord):
         outcome, history: how the method ended, and its iterations.
         trials: all methods that were compared.
         effects: of drives, gears and links, taken off before anything was fitted.
-        evidence: what is left unexplained; None in files of earlier editions.
+        evidence: held-out residuals; None in files of earlier editions.
     """
 
     kind: ClassVar[str] = "elastic"

@@ -87,7 +87,7 @@ class Candidate:
 
     Args:
         band: Hz, of the rows; instruments: Hz, band of the instruments, 0 for least squares.
-        held_out: percent of the torque of stretches left unexplained by fits to the others, mean over joints.
+        held_out: cross-validated residual in percent of the torque, mean over joints.
         fall: squares left over those of the best candidate; p: of so large a difference by chance;
             consistent: the same, from the same rows with the lowest instruments.
         states: up to which columns of the log they are used, "position", "velocity" or "acceleration".
@@ -119,7 +119,7 @@ class SettingsChoice:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointEvidence:
-    """What is left unexplained of one joint within the scoring band: rms, in percent of that of the torque.
+    """Held-out residual of one joint within the scoring band: rms, in percent of that of the torque.
 
     `fitted` by the fit itself, `held_out` by fits to other stretches, of all rows; `moving` and `slow` of
     rows above and below a tenth of the top speed (infinite where there are none). `share` is the part of the
@@ -195,7 +195,7 @@ class Evidence:
     """What speaks for and against an estimate.
 
     Args:
-        joints: what is left unexplained of each joint that moves and has a torque.
+        joints: held-out residual of each joint that moves and has a torque.
         scoring: Hz, within which that was measured.
         stretches: number of held-out stretches; logs: whole logs that were held out, 0 for stretches.
         tests: whether halves, logs, slow and fast rows, and bands say the same.
@@ -221,7 +221,7 @@ class Evidence:
 
     @property
     def held_out(self) -> float:
-        """Return the mean over joints of what is left unexplained of held-out rows, in percent."""
+        """Return the mean over joints of the held-out residual, in percent."""
         return sum(entry.held_out for entry in self.joints) / max(1, len(self.joints))
 
     @property
@@ -231,7 +231,7 @@ class Evidence:
 
     @property
     def fitted(self) -> float:
-        """Return the mean over joints of what is left unexplained by the fit itself, in percent."""
+        """Return the mean over joints of the residual of the fit itself, in percent."""
         return sum(entry.fitted for entry in self.joints) / max(1, len(self.joints))
 
 

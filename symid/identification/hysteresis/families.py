@@ -72,7 +72,7 @@ class ElementPath(FrozenArrays):
 
     @property
     def speed(self) -> float:
-        """Return the largest speed of the input; one where it stands still."""
+        """Return the largest speed of the input; one where it is at rest."""
         return float(np.max(np.abs(self.velocity))) or 1.0
 
     def list_lengths(self, count: int) -> FloatArray:

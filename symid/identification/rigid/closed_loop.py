@@ -443,7 +443,7 @@ def estimate_start(problem: ClosedLoopProblem) -> dict[str, float] | None:
     try:
         found = estimators.fit_instruments(rows, beside, freedom=freedom)
     except IdentifiabilityError:
-        # References may stand still, or move together, where the logs do not.
+        # References may are at rest, or move together, where the logs do not.
         return None
     values, learnable = found.fit.values.tolist(), found.identifiability.identifiable
     return {name: values[k] for k, name in enumerate(measured[0].names) if learnable[k]}

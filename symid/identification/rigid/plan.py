@@ -41,7 +41,7 @@ FILTERED_INSTRUMENTAL = "filtered-instrumental"
 class FitPlan:
     """Settings with nothing open, the estimator, the study behind them (None for none), notices on it.
 
-    `scoring` in Hz: slow rows are told by positions that pass it, by those of the fit where 0.
+    `scoring` in Hz: slow rows are chosen by positions that pass it, by those of the fit where 0.
     `laws_chosen`: friction laws were chosen from the same logs, so that no other needs to be tried. Rows
     within `margin` s of slow ones are left out with them.
     """

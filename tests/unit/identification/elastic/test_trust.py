@@ -10,6 +10,7 @@ from symid.identification.elastic.elimination import (
     SHARES,
     BandRows,
     choose_sliding_rows,
+    fit_band,
     measure_torque_noise,
 )
 from symid.identification.elastic.estimate import (
@@ -24,6 +25,7 @@ from symid.identification.elastic.methods import (
     choose_candidate,
     find_contradiction,
 )
+from symid.identification.elastic.regression import build_spring_basis
 from symid.identification.hysteresis import list_spring_numbers, move_spring
 from symid.identification.judge import POLICY
 from symid.joint_models import BoucWen, Elasticity, Knee, Stop, run_element
@@ -177,6 +179,43 @@ def test_rows_near_rest_go_where_friction_there_is_another(levels):
     # At 0.3 rad/s a tenth of it is left, which many rows still show in noise as large.
     assert 0.1 <= share <= SHARES[-1]
     assert rows.slide.min() == 1 + SHARES.index(share)
+
+
+@pytest.mark.parametrize("held", [0.05, -0.08, 0.12])
+def test_what_a_motor_at_rest_holds_by_friction_is_no_number(held):
+    """At rest any friction is there: with it the load is wrong by `held`, without it as right as before."""
+    moving = build_rows((1.0, 1.0), 5)
+    design = np.zeros((COUNT, len(FRICTION)))
+    design[:, 3] = np.sin(np.linspace(0.7, 0.701, COUNT))
+    # The load at one pose takes all of it up, and the little that is left would make these rows count most.
+    rest = BandRows(
+        design=design,
+        torque=design @ FRICTION + held + 1e-3 * np.random.default_rng(6).standard_normal(COUNT),
+        group=np.full(COUNT, 2),
+        time=np.linspace(0.0, 1.0, COUNT),
+        slide=np.zeros(COUNT, dtype=np.intp),
+    )
+    both = BandRows(*(np.concatenate(pair) for pair in zip(moving, rest, strict=True)))
+    rows, share = choose_sliding_rows(SLIDER, both)
+    assert share == 0.0
+    assert set(rows.group.tolist()) == {0, 1}
+    found = fit_band(SLIDER, rows)
+    assert np.all(np.abs(found.chi - FRICTION) < 4.0 * np.sqrt(np.diag(found.covariance)))
+    whole = fit_band(SLIDER, both)
+    assert abs(whole.chi[3] - FRICTION[3]) > 10.0 * np.sqrt(whole.covariance[3, 3])
+    # A load that nothing else shows keeps its rows.
+    blind = moving._replace(design=moving.design * np.array([1.0, 1.0, 1.0, 0.0]))
+    both = BandRows(*(np.concatenate(pair) for pair in zip(blind, rest, strict=True)))
+    assert set(choose_sliding_rows(SLIDER, both)[0].group.tolist()) == {0, 1, 2}
+
+
+@pytest.mark.parametrize("stiffer", [0.1, 0.35, -0.4])
+def test_a_spring_of_many_stops_has_two_sides(stiffer):
+    """So that a spring that is stiffer on one side is no wave of an encoder."""
+    torque = 400.0 * PHI * np.where(PHI > 0.0, 1.0 + stiffer, 1.0)
+    basis = build_spring_basis(PHI, slice(None), TIME[1] - TIME[0])
+    left = torque - basis @ np.linalg.lstsq(basis, torque, rcond=None)[0]
+    assert np.linalg.norm(left) < 1e-9 * np.linalg.norm(torque)
 
 
 TIME = np.linspace(0.0, 12.0, 1200)
