@@ -176,7 +176,7 @@ def merge_notices(notices: Iterable[Notice], sources: Collection[str] = ()) -> t
     merged = [_merge(group, sources) for group in groups.values()]
     alike: dict[tuple[str, str, str], list[Notice]] = {}
     for notice in merged:
-        # What is about one joint may be told of each, with other numbers.
+        # What is about one joint may be reported of each, with other numbers.
         found = _JOINT.match(notice.text)
         template = _NUMBER.sub("#", notice.text[found.end() :]) if found else str(notice)
         alike.setdefault((notice.code, template, notice.file), []).append(notice)

@@ -224,7 +224,7 @@ class WrittenLesson(Result):
 _LONGEST_MOTION = 30.0
 """s of a log that a page has."""
 _STILL = 1e-3
-"""rad or m: what moves by less stands still."""
+"""rad or m: what moves by less is at rest."""
 
 
 def _sample_log(robot: "robots.Robot", log: LogLike) -> "lessons.LoggedMotion":

@@ -615,7 +615,7 @@ def load_fit(
 ) -> Fit:
     """Return the fit of any kind that `Fit.save` or `symid identify -o` wrote to `path`.
 
-    By default its `robot` is loaded on use by the name or file stored in it, of which `progress` is told.
+    By default its `robot` is loaded on use by the name or file stored in it, which `progress` reports.
 
     Raises:
         EstimateError: the file does not exist, or is not a fit.

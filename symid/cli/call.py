@@ -335,7 +335,8 @@ def _answer(arguments: Sequence[str]) -> int:
         if verbose:
             click.echo("".join(traceback.format_exception(error)), err=True, nl=False)
         if isinstance(error, MemoryError) or find_memory_limit() is not None:
-            return _explain_shortage(f"{type(error).__name__}: {error}", as_json=as_json)
+            sure = isinstance(error, MemoryError)
+            return _explain_shortage(f"{type(error).__name__}: {error}", as_json=as_json, sure=sure)
         hint = "" if verbose else "; call again with -v for the traceback, and report it"
         text = f"this is a bug in symid, not in your files: {type(error).__name__}: {error}{hint}"
         print_errors([Notice(code="symid.bug", text=text)], as_json=as_json)
@@ -348,16 +349,21 @@ def _explain_interruption(*, as_json: bool) -> int:
     return EXIT_INTERRUPTED
 
 
-def _explain_shortage(reason: str, *, as_json: bool) -> int:
-    """Report in one line that memory ran out, or may have: C code fails in many ways without it."""
+def _explain_shortage(reason: str, *, as_json: bool, sure: bool = False) -> int:
+    """Report in one line that memory ran out, if `sure`, or may have: C code fails in many ways then."""
     # Solvers in C make errors of their own of an interruption, after which both signals are ignored.
     if all(signal.getsignal(one) is signal.SIG_IGN for one in (signal.SIGINT, signal.SIGTERM)):
         return _explain_interruption(as_json=as_json)
     limit = find_memory_limit()
     if limit is None:
         text = f"memory ran out ({reason}); end other programs, or give less data"
-    else:
+    elif sure:
         text = f"too little memory: ulimit -v allows {limit} MB of address space, allow more ({reason})"
+    else:
+        text = (
+            f"probably too little memory: ulimit -v allows {limit} MB of address space ({reason}); allow "
+            "more. If the same comes without a limit, it is a bug in symid: report it"
+        )
     print_errors([Notice(code="symid.memory", text=" ".join(text.split()))], as_json=as_json)
     return EXIT_MEMORY
 

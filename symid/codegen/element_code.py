@@ -3,7 +3,7 @@
 `Elasticity` -> folder with the sources, a self-test and a manifest. The numbers are constants of the code.
 
     step       states, input, length of the step -> output, states, stored energy
-    reset      stands still at an input, virgin or come from either side
+    reset      is at rest at an input, virgin or come from either side
     inverse    in closed form for plays and knees, else the search of `find_input`, with the same numbers
 
 Supported: double and float C99 without memory allocation; Python that needs nothing, for one element at a

@@ -196,7 +196,7 @@ class _Sweep(Generic[T]):
 
 
 def _move_body(algebra: Algebra[T], body: Body[T], screw: Screw[T]) -> Body[T]:
-    """Return the change of a body that moves by a screw, about a frame that stands still."""
+    """Return the change of a body that moves by a screw, about a frame that is at rest."""
     # z x m + M u, [z x] I - I [z x] + 2 (u.m) E - u m' - m u' for the screw (z, u).
     tensor, moments, mass = body
     z, u = screw.angular, screw.linear

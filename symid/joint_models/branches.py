@@ -11,7 +11,7 @@
 
 Of a branch, `needs_time` is whether its force depends on the velocity, `passive` whether no motion gives
 work. Its slope, N m/rad or N/m, is at most `most_slope` at a held speed, at least `least_slope` over any way
-without reversal. `start` gives the states where the input stands still, come from below (`side` 1), from
+without reversal. `start` gives the states where the input is at rest, come from below (`side` 1), from
 above (-1) or virgin (0); `advance` what a step to another position leads to, without turning back. `values`
 hold the numbers of `list_values` by name, in a carrier: floats, arrays, CasADi expressions, references of
 generated code. Krasnosel'skii and Pokrovskii, Systems with Hysteresis (1989); Bouc 1967, Wen 1976, normalised
@@ -170,7 +170,7 @@ class SlipSpring:
         return named | {f"f{k}": value for k, value in enumerate(self.forces, start=1)}
 
     def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
-        """Return the play where the input stands still; `side` -1 to 1: the deflection over its bound."""
+        """Return the play where the input is at rest; `side` -1 to 1: the deflection over its bound."""
         return (algebra.sub(position, algebra.scale(side * self.threshold, algebra.one)),)
 
     def advance(
@@ -271,7 +271,7 @@ class Relays:
         return named | {f"c{i + 1}_{j + 1}": value for (i, j), value in pairs}
 
     def start(self, algebra: Carrier[V], position: V, side: float) -> tuple[V, ...]:
-        """Return the states where the input stands still, come from below (1), above (-1), or virgin (0).
+        """Return the states where the input is at rest, come from below (1), above (-1), or virgin (0).
 
         Virgin is as after cycles that died out there: every relay without force, at its middle ramp.
         """
@@ -505,7 +505,7 @@ class BristleBranch:
         return {"Fv": 0.0} | dict(self.values)
 
     def start(self, algebra: Carrier[V], _position: V, side: float) -> tuple[V, ...]:
-        """Return the deflections where the input stands still: `side` -1, 0, 1 times their bounds."""
+        """Return the deflections where the input is at rest: `side` -1, 0, 1 times their bounds."""
         given = dict(self.values)
         level = side * (given["Fc"] + given.get("Fe", 0.0))
         numbers = range(1, self.count + 1) if "sigma0" not in given else ()

@@ -153,7 +153,7 @@ def needs_time(elasticity: elements.Elasticity) -> bool:
 def start_element(
     algebra: carriers.Carrier[V], elasticity: elements.Elasticity, position: V, side: float = 0.0
 ) -> tuple[V, ...]:
-    """Return the states where the input stands still at `position`, rad or m.
+    """Return the states where the input is at rest at `position`, rad or m.
 
     `side` 0: virgin there; 1: come from below, so that all stops are at their upper bound; -1: from above.
     """

@@ -221,7 +221,7 @@ def _find_time_unit(time: FloatArray, raw: RawLog, robot: Robot, findings: Findi
     """
     steps = np.diff(time[np.isfinite(time)])
     period = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
-    # Mistakes in them are told elsewhere.
+    # Mistakes in them are reported elsewhere.
     position, velocity = (
         extract_quantity(raw, robot, name, len(time), Findings(file=""))[0]
         for name in ("position", "velocity")

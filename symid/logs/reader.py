@@ -390,7 +390,7 @@ _SAMPLE_TIMES = "t"
 def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLog | None = None) -> Recording:
     """Return the recording in a log, or raise a LogError with all mistakes.
 
-    What NumPy finds odd in numbers that are none is told of the columns. `robot`: its `[log]` map says which
+    What NumPy finds odd in columns that are no numbers is reported. `robot`: its `[log]` map says which
     column is what; `uneven`: whether times may be uneven, repeat or run
     backwards; `raw`: the columns of the file, where they were read before.
     """

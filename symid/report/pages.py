@@ -10,7 +10,7 @@ Not supported: more than one robot on a page.
 import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -59,6 +59,7 @@ class Page:
         origin: what the page was made from, in short texts.
         title: of the page, in place of robot and subject; author, date: as they are printed below it.
         second: the figure below the first, such as the robot.
+        headline: a sentence in place of the verdict's, whose reasons stand below.
         conventions: of signs and sides, for the foot of the page; units: of all numbers, likewise.
     """
 
@@ -77,6 +78,7 @@ class Page:
     author: str = ""
     date: str = ""
     second: Drawing | None = None
+    headline: str = ""
     conventions: str = "friction opposes positive velocity with positive sign"
     units: str = "SI units throughout"
 
@@ -95,14 +97,17 @@ def build_fit_page(
 ) -> Page:
     """Return the page of an estimate; `settings` and `notices` besides its own, `options` of `Page`.
 
-    The `headline` is by default that of the verdict.
+    The `headline` is by default the first reason of the verdict; why a fit is wrong comes before its numbers.
     """
+    if verdict.level == "wrong" or not headline:
+        headline = verdict.headline if verdict.level == "wrong" else next(iter(verdict.reasons), "")
     model = {"logs": estimate.sources, "signature of the model": estimate.signature}
     return Page(
         robot=estimate.robot,
         subject=subject,
+        verdict=verdict,
         # One sentence: what limits the level stands below it.
-        verdict=replace(verdict, headline=headline or next(iter(verdict.reasons), verdict.headline)),
+        headline=headline,
         blocks=blocks,
         settings=(*_list_settings({**settings, **model}), *_list_settings(estimate.settings)),
         notices=tuple(map(str, merge_notices((*estimate.notices, *notices), estimate.sources))),

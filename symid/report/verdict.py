@@ -122,7 +122,7 @@ def _limit(level: str, headline: str, details: Sequence[str], caps: Caps) -> Fit
 
 
 def _rate(percent: float) -> str:
-    """Return the level of what is left unexplained, in percent, doubtful at least."""
+    """Return the level of a residual in percent, doubtful at least."""
     return "good" if percent <= POLICY.good else "usable" if percent <= POLICY.usable else "doubtful"
 
 

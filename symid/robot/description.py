@@ -236,7 +236,7 @@ class Mimic:
 class MimicStep:
     """A follower as its file writes it: q = multiplier * q of `master` + offset (rad or m).
 
-    `master` is a joint's name; None where the joint stands still at its offset.
+    `master` is a joint's name; None where the joint is at rest at its offset.
     """
 
     master: str | None

@@ -3,7 +3,7 @@
 A path -> `Robot`, or one `RobotError` with all mistakes and their places; what symid does not use is listed
 in the robot's notices. Followers (`<mimic>`) follow the last joint of their chain; links on fixed joints
 become part of the links that carry them; link frames get the modified form (`canonical_frames`). A joint
-that follows a fixed joint, one before the base, or with the factor 0, stands still at its offset. One whose
+that follows a fixed joint, one before the base, or with the factor 0, is at rest at its offset. One whose
 master was cut off keeps a coordinate of its own. `assemble_robot` does this for MJCF models, too.
 
 Supported: links with inertial values, joints that turn or slide, fixed joints, limits, damping and friction,
@@ -269,7 +269,7 @@ def assemble_robot(
     what, link, attribute = ("URDF", "link", "name") if gravity is None else ("MJCF model", "body", "model")
     _warn_implausible(reading, first, kept)
     joints, links = _reduce_joints(reading, first, kept, followers, tip)
-    # Drives that turn with several joints; joints that stand still do not move them.
+    # Drives that turn with several joints; joints that are at rest do not move them.
     index = {joint.name: number for number, joint in enumerate(joints)}
     reached = {joint.name for joint in (*before, *kept)}
     couplings = []

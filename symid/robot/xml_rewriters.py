@@ -128,7 +128,7 @@ def _match_names(robot: Robot, reading: urdf_parts.TreeReading) -> dict[str, str
 def _spread_change(
     reading: urdf_parts.TreeReading, names: Mapping[str, str], changed: Joint, tip: str | None
 ) -> list[tuple[urdf_parts.TreeLink, tuple[float, ...]]]:
-    """Return the joint's own link and those that it carries, which stand still, with their new values."""
+    """Return the joint's own link and those that it carries, which are at rest, with their new values."""
     moving, first = set(names.values()), reading.links[reading.joints[names[changed.name]].child]
     # Each link, and where its frame (4, 4) stands in that of the first one.
     members = [(first, np.eye(4))]
@@ -137,7 +137,7 @@ def _spread_change(
             if joint.parent == link.name and joint.name not in moving:
                 shift = geometry.IDENTITY
                 if joint.moves:
-                    # Where it stands when its masters stand still, too; a ring of them stands at zero.
+                    # Where it stands when its masters are at rest, too; a ring of them stands at zero.
                     offset = -joint.zero
                     if joint.name in reading.steps:
                         *_, end = reading.steps[joint.name].follow(reading.steps)

@@ -669,7 +669,7 @@ class RigidPlant:
         return acceleration
 
     def _settle(self, state: RigidPlantState, torque: FloatArray) -> RigidPlantState:
-        """Return the state with modes chosen for the joints that stand still (Murty 1974)."""
+        """Return the state with modes chosen for the joints that are at rest (Murty 1974)."""
         resting = [joint for joint, mode in enumerate(state.modes) if mode == 0]
         if not resting:
             return state

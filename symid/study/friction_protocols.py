@@ -12,7 +12,7 @@ to 7 percent.
 Zhang Tie, Hu Liangliang, Zou Yanbiao, "Identification of improved friction model for robot based on hybrid
 genetic algorithm", J. Zhejiang Univ. (Eng. Sci.) 55(5) (2021) 801-809, doi
 10.3785/j.issn.1008-973X.2021.05.001, Tables 1, 3 and 4. Synthetic data v_k = -V sin(2 pi (k + 1/2) / N): half
-a step off the grid no sample stands still, where a law without a zone would have no torque at all.
+a step off the grid no sample is at rest, where a law without a zone would have no torque at all.
 
 Searches of the paper stand beside the estimators of `identification.friction`; all minimise the same J:
 

@@ -39,7 +39,7 @@ function findNearest(values, value) {
   return value - values[low] < values[high] - value ? low : high;
 }
 
-function enliven(figure, svg) {
+function enliven(figure, svg, told) {
   const [left, top, right, bottom, x0, x1, y0, y1] = svg.dataset.frame.split(" ").map(Number);
   const unit = svg.dataset.unit;
   const lines = [...svg.querySelectorAll("polyline[data-label]")].map((line) => {
@@ -66,7 +66,7 @@ function enliven(figure, svg) {
   const slider = tools.querySelector("input");
   const read = tools.querySelector("span");
   const back = tools.querySelector("button");
-  if (!document.querySelector(".tools")) read.textContent = HINT;
+  if (told) read.textContent = HINT;
   slider.setAttribute("aria-label", `Time of the cursor: ${svg.querySelector("title").textContent}`);
   slider.title = KEYS;
   slider.style.cssText = `margin-left: ${(100 * left) / 560}%; width: ${(100 * size.width) / 560}%`;
@@ -171,7 +171,7 @@ function enliven(figure, svg) {
   slider.value = Math.floor(times.length / 2);
 }
 
-for (const figure of document.querySelectorAll("figure")) {
-  const svg = figure.querySelector("svg[data-frame]");
-  if (svg) enliven(figure, svg);
-}
+const living = [...document.querySelectorAll("figure")].filter((one) => one.querySelector("svg[data-frame]"));
+// The hint once, where it is seen at first.
+const first = living.find((one) => !one.closest("details:not([open])")) ?? living[0];
+for (const figure of living) enliven(figure, figure.querySelector("svg[data-frame]"), figure === first);

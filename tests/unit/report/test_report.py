@@ -128,7 +128,7 @@ def test_the_verdict_is_one_sentence_with_the_worst_joint(result):
         (build_identification_page(estimate, (validation,)), worst.joint, worst.relative_percent, validation),
         (build_identification_page(estimate), parts.joint, parts.held_out, None),
     ):
-        told, verdict = page.verdict.headline, pages.render_page(page)
+        told, verdict = page.headline, pages.render_page(page)
         assert told.endswith(f"the worst joint is {joint}, with {pages.format_percent(percent)}.")
         assert told.count(". ") == 0
         assert "Details of the verdict" in verdict
