@@ -177,20 +177,23 @@ def choose_reading(read: Callable[..., Robot]) -> Robot:
     largest = np.abs(torques[0]).max(axis=0)
     differences = np.abs(torques[0] - torques[1]).max(axis=0)
     change = float(np.max(differences[largest > 0.0] / largest[largest > 0.0], initial=0.0))
-    price = f"torques by at most {change:.1e} of each joint's largest"
+    price = f"torques by at most {change:.1e} of each joint's largest" if change else "no torque"
     remedy = f"--snap {DEFAULT_SNAP:g}" if coarse else "--snap 0"
     if stable:
-        code, text = (
-            "robot.rounding-price",
-            f"rounding the angles changes {price}, and not the number of base ",
+        code = "robot.rounding-price"
+        text = (
+            f"rounding the angles changes {price}, and not the number of base parameters ({counts[1]}); "
+            f"{remedy} takes the angles as written"
         )
-        text += f"parameters ({counts[1]}); {remedy} takes the angles as written"
     else:
-        code, text = "robot.rounding-assumed", "angles near multiples of pi/2 were taken as these multiples: "
-        text += (
-            f"as written, {counts[0]} base parameters in place of {counts[1]} would hinge on the last digits "
+        code = "robot.rounding-assumed"
+        hung = f"{counts[0]} base parameters in place of {counts[1]}"
+        hung = hung if counts[0] != counts[1] else f"some of the {counts[1]} base parameters"
+        text = (
+            f"angles near multiples of pi/2 were taken as these multiples: as written, {hung} would hinge on "
+            f"the last digits of the file. This changes {price}; if the angles are meant as written, use "
+            f"{remedy}"
         )
-        text += f"of the file. This changes {price}; if the angles are meant as written, use {remedy}"
     note = Notice(code=code, text=text, file=rounded.path)
     return replace(rounded, notices=(*rounded.notices, note))
 

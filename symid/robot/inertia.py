@@ -119,7 +119,8 @@ def explain_impossible_inertia(parameters: Sequence[float]) -> str:
     """
     low, middle, high = (float(J) for J in np.linalg.eigvalsh(to_tensor(split_body(parameters)[2])))
     allowed = _TOLERANCE * max(float(np.abs(parameters[:6]).max()), 1e-300)
-    listed = f"{low:.6g}, {middle:.6g} and {high:.6g} kg*m^2"
+    shown = [f"{J if abs(J) > allowed else 0.0:.6g}" for J in (low, middle, high)]
+    listed = f"{shown[0]}, {shown[1]} and {shown[2]} kg*m^2"
     if low < -allowed:
         return f"the principal moments about the centre of mass are {listed}, and none can be negative"
     if high > low + middle + allowed:

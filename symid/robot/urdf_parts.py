@@ -599,8 +599,8 @@ def build_axis(part: XmlPart, axis: Sequence[Decimal | Fraction], key: str, name
     x, y, z = (Fraction(value) for value in axis)
     turn, moved = geometry.build_axis_frame((x, y, z), snap=part.reading.snap)
     if moved > _ROUNDED:
-        text = f"{name}: was moved by {moved:.2e} rad to the nearest coordinate axis or plane"
-        part.warn("robot.axis-snapped", text, key)
+        text = f"{name} was moved to the nearest coordinate axis or plane, at (by rad) {{}}"
+        part.group("robot.axis-snapped", text, f"{moved:.1e}", key)
     return turn
 
 

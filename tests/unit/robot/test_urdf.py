@@ -246,7 +246,7 @@ REMARKS = [
     (ARM, "robot.renamed", "arm.urdf:2:14: the robot is renamed to my_arm"),
     (ARM, "robot.assumed-gravity", "(0, 0, -9.81)"),
     (write_one(axis="0 2 1e-6"), "robot.axis-length", "length 2 "),
-    (write_one(axis="0 2 1e-6"), "robot.axis-snapped", "5.00e-07 rad"),
+    (write_one(axis="0 2 1e-6"), "robot.axis-snapped", "(5.0e-07)"),
     (write_one(axis=""), "robot.default-axis", "x (1 0 0), of joints 'j'"),
     (write_one().replace('<axis xyz="0 0 1"/>', "<axis/>"), "robot.default-axis", "x (1 0 0)"),
     (build(TWO, "ab", link("c", 1)), "robot.massless", "'b'"),
