@@ -104,9 +104,8 @@ def _add_tests(answer: Answer, fit: Fit, tests: Sequence[tuple[Path, str]], page
     """Return the answer with what the fit predicts of parts of the logs, new notices, and the page."""
     if not tests:
         return cli.add_page(answer, fit, page)
-    found = [fit.validate(log, test=part) for log, part in tests]
-    blocks = (block for entry in found for block in (*entry.opening(), *entry.blocks()))
-    answer = answer.add(found).write(*blocks, validations=[entry.to_dict() for entry in found])
+    found = [entry for log, part in tests for entry in cli.try_log(fit, log, test=part)]
+    answer = cli.add_trials(answer, found)
     logs, parts = zip(*tests, strict=True)
     return cli.add_page(answer, fit, page, validation=logs, test=parts)
 

@@ -357,6 +357,19 @@ def add_page(answer: Answer, result: Given, page: Path | None, **options: object
     return answer.write(f"page: {show_path(getattr(found, 'file', found))}", page=page)
 
 
+def try_log(fit: Given, log: Path, **options: Given) -> list[Given]:
+    """Return what a fit predicts of each log in a file, several where time starts again, with `options`."""
+    return [fit.validate(entry, **options) for entry in symid.read_logs(log, fit.robot)]
+
+
+def add_trials(answer: Answer, found: Sequence[Given]) -> Answer:
+    """Return the answer with what a fit predicts of further logs, and new notices."""
+    if not found:
+        return answer
+    blocks = (block for entry in found for block in (*entry.opening(), *entry.blocks()))
+    return answer.add(found).write(*blocks, validations=[entry.to_dict() for entry in found])
+
+
 _READING = ("base", "tip", "snap", "xacro", "include_outside", "gravity", "zeros")
 backend_option = record_options(NamedRobot, "backend")
 

@@ -81,7 +81,8 @@ def validate_command(
         text = "--tracking needs an estimate of elastic joints with their springs; leave it out"
         raise UsageError(Notice(code="usage.rigid-tracking", text=text, file=str(estimate)))
     if not isinstance(fit, ElasticFit) or not tracking or trial["band"] is not None:
-        return make_answer(fit.validate(log, **trial))
+        first, *others = cli.try_log(fit, log, **trial)
+        return cli.add_trials(make_answer(first), others)
     del trial["band"]
     other = None if against is None else symid.load_fit(against)
     if other is not None and not isinstance(other, ElasticFit):

@@ -23,7 +23,6 @@ from symid.identification.judge import POLICY
 from symid.identification.regression import fill_loads, list_coupled_rotors
 from symid.identification.stored import StoredResult
 from symid.robot import Robot
-from symid.serialization import compute_file_digest
 from symid.simulation import build_noisy_options, check_stated_values
 
 
@@ -327,12 +326,12 @@ def diagnose_fit(robot: Robot, estimate: estimators.Estimate, context: TaskConte
     notices = [
         Notice(code="diagnosis.changed-log", text=text, file=source)
         for source, digest in pairs
-        if compute_file_digest(source) != digest
+        if not log_files.is_digest_of_file(str(digest), source)
     ]
     fitted = rigids.restore_robot(robot, estimate)
     tried = elastic.build_rigid_estimate(estimate, fitted)
     library = context.prepare(elastic.build_rigid_variant(fitted))
-    read = log_files.read_recorded_runs(estimate.sources, estimate.settings.get("runs"), fitted)
+    read = log_files.read_recorded_runs(estimate.sources, estimate.settings, fitted)
     recordings = [elastic.build_motor_recording(entry, fitted) for entry in read]
     context.progress(f"diagnosing the fit to {len(recordings)} log{'s'[: len(recordings) > 1]}")
     beta = tried.assemble([entry.name for entry in library.card.beta])

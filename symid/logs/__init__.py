@@ -53,6 +53,7 @@ if TYPE_CHECKING:
         describe_runs as describe_runs,
         get_run_weights as get_run_weights,
         get_train_unit as get_train_unit,
+        is_digest_of_file as is_digest_of_file,
         measure_overlap as measure_overlap,
         read_fit_recordings as read_fit_recordings,
         read_one_log as read_one_log,

@@ -98,6 +98,7 @@ class Recording:
         extras: other numeric columns of the log, as logged.
         run: settings of one of several runs; applied already, but for the weight.
         whole: the log from which it was cut, None where it is the whole log.
+        place: of its first sample in the file, where that holds logs one after the other.
         transmission: (n, n) angles of the motors over those of the joints, where torques were logged at
             motors that move more than one joint.
         simulated: signature of the values of the robot it was simulated from, empty for others.
@@ -121,6 +122,7 @@ class Recording:
     extras: Mapping[str, FloatArray] = field(default_factory=dict)
     run: RunSettings | None = None
     whole: LogExtent | None = None
+    place: int = 0
     transmission: FloatArray | None = None
     simulated: str = ""
 

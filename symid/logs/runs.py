@@ -14,7 +14,6 @@ Not supported: other columns or units for single runs; a payload of bodies on se
 """
 
 import os
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, replace
 from itertools import zip_longest
@@ -101,8 +100,9 @@ def read_log_runs(path: Path, robot: robots.Robot, *, uneven: bool = False) -> t
 
 
 _UNEVEN = frozenset(("log.gap", "log.jitter"))
-_AGAIN, _EPISODE = 0.1, 16
-"""Part of a recording's length from its start to which a clock that starts again goes back; its samples."""
+_AGAIN, _EPISODE, _NAMED = 0.1, 16, 3
+"""Part of a recording's length from its start to which a clock that starts again goes back; its samples; and
+how many such samples a note names."""
 
 
 def _read_repaired(path: Path, robot: robots.Robot, *, uneven: bool = False) -> tuple[Recording, ...]:
@@ -118,16 +118,15 @@ def _read_repaired(path: Path, robot: robots.Robot, *, uneven: bool = False) -> 
             raise
     ends = _find_episodes(parts[0].time)
     if len(ends) > 1:
-        text = (
-            f"time starts again {len(ends) - 1} times, first at sample {ends[0]} (counted from 0): the file "
-            f"was read as {len(ends)} logs"
-        )
+        again = ", ".join(map(str, ends[:-1][:_NAMED])) + ", ..." * (len(ends) > _NAMED + 1)
+        text = f"time starts again at sample {again} (counted from 0): the file was read as {len(ends)} logs"
         whole = add_notice(parts[0], "log.episodes", text)
-        cut = [cut_recording(whole, slice(start, end)) for start, end in zip((0, *ends), ends, strict=False)]
-        # What was said of the file is said once.
-        parts = [
-            replace(part, whole=None, notices=whole.notices[: 0 if k else None]) for k, part in enumerate(cut)
-        ]
+        parts = []
+        for start, end in zip((0, *ends), ends, strict=False):
+            # What was said of the file is said once.
+            told = () if start else whole.notices
+            cut = cut_recording(whole, slice(start, end))
+            parts.append(replace(cut, whole=None, place=start, notices=told))
     return tuple(parts) if uneven else tuple(repair_recording(part, robot.axes) for part in parts)
 
 
@@ -217,19 +216,19 @@ def get_run_weights(recordings: Sequence[Recording]) -> tuple[float, ...] | None
     return None if len(set(weights)) == 1 else weights
 
 
-def read_recorded_runs(sources: Sequence[str], stored: object, robot: robots.Robot) -> tuple[Recording, ...]:
+def read_recorded_runs(
+    sources: Sequence[str], settings: Mapping[str, object], robot: robots.Robot
+) -> tuple[Recording, ...]:
     """Return the recordings of a result, read again with the settings of their runs, or raise all LogErrors.
 
-    `sources`: the files, one a run, in the order of the fit; `stored`: the entry "runs" of `describe_logs`,
-    if any.
+    `sources`: the files, one a run, in the order of the fit; `settings`: with the entries of `describe_runs`.
     """
-    seen = Counter[str]()
+    stored, digests = settings.get("runs"), settings.get("log_digests")
 
-    def read(log: tuple[str, RunSettings | None]) -> list[Recording]:
-        parts, run = _read_repaired(Path(log[0]), robot), log[1]
-        # Episodes of one file stand one after the other.
-        recording = parts[seen[log[0]] % len(parts)]
-        seen[log[0]] += 1
+    def read(log: tuple[str, RunSettings | None, object]) -> list[Recording]:
+        file, run, digest = log
+        parts = _read_repaired(Path(file), robot)
+        recording = next((part for part in parts if str(digest).endswith(f"@{part.place}")), parts[0])
         return [recording if run is None else _apply_settings(recording, run)]
 
     entries = [{}] * len(sources) if stored is None else write_plain(stored)
@@ -237,10 +236,10 @@ def read_recorded_runs(sources: Sequence[str], stored: object, robot: robots.Rob
     try:
         listed = entries if isinstance(entries, list) else []
         found = [read_record(RunSettings, entry) if entry else None for entry in listed]
-        known = [run for run in found if run is not None]
-        good = all(min(run.drop_first, run.drop_last) >= 0 for run in known)
-        good &= all(len(run.offset) in {1, robot.freedom} for run in known)
-        _ = [read_part(run.train, "train") for run in known if run.train]
+        stated = [run for run in found if run is not None]
+        good = all(min(run.drop_first, run.drop_last) >= 0 for run in stated)
+        good &= all(len(run.offset) in {1, robot.freedom} for run in stated)
+        _ = [read_part(run.train, "train") for run in stated if run.train]
     except (InputError, UsageError):
         good = False
     if len(found) != len(sources) or not good:
@@ -249,7 +248,8 @@ def read_recorded_runs(sources: Sequence[str], stored: object, robot: robots.Rob
             f"with {', '.join(_KEYS)}, got {stored!r}; identify again"
         )
         raise LogError(Notice(code="runs.settings", text=text))
-    return _read_all(zip(sources, found, strict=True), read)
+    known = digests if isinstance(digests, list | tuple) else ()
+    return _read_all(zip_longest(sources, found, known[: len(sources)]), read)
 
 
 def check_one_payload(recordings: Sequence[Recording]) -> None:
@@ -288,7 +288,7 @@ def read_one_log(log: Path | Recording, robot: robots.Robot, alone: str = "") ->
     """
     recordings = read_recordings((log,), robot)
     if len(recordings) > 1:
-        text = f"has {len(recordings)} runs, expected one log; give a file of one of them"
+        text = f"has {len(recordings)} logs, expected one: give a file of one, or one of symid.read_logs"
         raise UsageError(Notice(code="usage.one-log", text=text, file=str(log)))
     if alone:
         refuse_known_payloads(recordings, alone)
@@ -310,13 +310,22 @@ def check_distinct(paths: Sequence[Path]) -> None:
 def compute_log_digests(recordings: Sequence[Recording]) -> list[str]:
     """Return the digests of the files of recordings; of torques, with a prefix, where there is no file.
 
-    Parts of one log have the digest of the whole.
+    Parts of one log have the digest of the whole; of a further log in a file it is followed by `@` and the
+    place of its first sample.
     """
     return [
-        compute_file_digest(entry.source)
-        or f"{IN_MEMORY_PREFIX}{entry.extent.digest or compute_signature(entry.torque)}"
+        f"{compute_file_digest(entry.source) or _sign_samples(entry)}{f'@{entry.place}' * bool(entry.place)}"
         for entry in recordings
     ]
+
+
+def _sign_samples(recording: Recording) -> str:
+    return f"{IN_MEMORY_PREFIX}{recording.extent.digest or compute_signature(recording.torque)}"
+
+
+def is_digest_of_file(digest: str, file: str) -> bool:
+    """Return whether the digest of a log says what the file holds now."""
+    return digest.partition("@")[0] == compute_file_digest(file)
 
 
 def describe_runs(recordings: Sequence[Recording]) -> dict[str, object]:
@@ -343,8 +352,10 @@ def is_log_of_fit(recording: Recording, sources: Sequence[str], settings: Mappin
         return False
     stored = settings.get("log_digests")
     known = [str(digest) for digest in stored if digest] if isinstance(stored, list | tuple) else []
-    if compute_log_digests((recording,))[0] in known:
-        return True
+    own = compute_log_digests((recording,))[0]
+    if any(digest.partition("@")[0] == own.partition("@")[0] for digest in known):
+        # Another log of the same file is none of them.
+        return own in known
     # Logs that are no files may have the same name.
     named = Path(recording.source).resolve() in {Path(source).resolve() for source in sources}
     return named and (not known or os.path.isfile(recording.source))  # noqa: PTH113
@@ -445,7 +456,9 @@ def read_fit_recordings(logs: Sequence[Path | Recording], robot: robots.Robot) -
     if not logs:
         raise UsageError(Notice(code="usage.no-log", text="no log was given; name at least one"))
     files = [entry for entry in logs if isinstance(entry, Path)]
-    others = [Path(entry.source) for entry in logs if isinstance(entry, Recording) and entry.run is None]
+    read = (entry for entry in logs if isinstance(entry, Recording))
+    # Further logs of one file are known by their samples.
+    others = [Path(entry.source) for entry in read if entry.run is None and not entry.place]
     # The source of a recording may be any text, which Path.is_file may refuse.
     named = [path for path in others if os.path.isfile(path)]  # noqa: PTH113
     check_distinct([*(file for path in files for file in list_log_files(path, robot)), *named])

@@ -121,7 +121,7 @@ def test_mistakes_have_their_place(folder, payload, code, said):
 
 
 def test_a_study_of_one_log_takes_a_run_and_no_two(folder):
-    assert "has 2 runs" in hear(2, "usage.one-log", "study", "cutoff", "two_link", folder / "both.toml")
+    assert "has 2 logs" in hear(2, "usage.one-log", "study", "cutoff", "two_link", folder / "both.toml")
 
 
 def test_what_is_assumed_of_a_payload_is_told(folder):

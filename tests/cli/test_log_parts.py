@@ -116,6 +116,32 @@ def test_one_call_fits_and_predicts(capsys, folder, estimate):
     assert text.count("Measured and predicted torque") >= 2
 
 
+def test_logs_one_after_the_other_in_a_file_are_logs(folder, tmp_path):
+    columns = [dict(np.load(folder / f"{name}.npz")) for name in ("whole", "other")]
+    both = {
+        key: np.concatenate([one[key] for one in columns]) if entry.shape[:1] == (SAMPLES,) else entry
+        for key, entry in columns[0].items()
+    }
+    np.savez(tmp_path / "both.npz", **both)
+    parts, fit = ("--train", "0:60%", "--test", "60%:"), tmp_path / "fit.json"
+    apart = do("identify", "two_link", folder / "whole.npz", folder / "other.npz", *parts)
+    answer = do("identify", "two_link", tmp_path / "both.npz", *parts, "-o", fit)
+    assert find_values(answer) == find_values(apart)
+    tried = [[found["residual"] for found in one["result"]["validations"]] for one in (answer, apart)]
+    assert tried[0] == tried[1]
+    assert len(tried[0]) == 2
+    assert "validate.fitted-log" not in list_codes(answer)
+    answer = do("validate", "two_link", fit, tmp_path / "both.npz", "--test", "60%:")
+    shown = [answer["result"]["residual"], *(found["residual"] for found in answer["result"]["validations"])]
+    assert shown == tried[0]
+    robot = symid.load("two_link")
+    logs = symid.read_logs(tmp_path / "both.npz", robot)
+    of_second = robot.identify(logs[1])
+    seen = [{note.code for note in of_second.validate(log).notices} for log in logs]
+    assert ["validate.fitted-log" in codes for codes in seen] == [False, True]
+    assert robot.identify(logs).parameters == robot.identify(tmp_path / "both.npz").parameters
+
+
 @pytest.mark.parametrize(
     "parts",
     [

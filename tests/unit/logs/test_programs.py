@@ -13,7 +13,7 @@ from scipy.io import savemat
 
 from symid.errors import LogError
 from symid.logs.reader import read_recording
-from symid.logs.runs import read_recordings
+from symid.logs.runs import describe_runs, measure_overlap, read_recorded_runs, read_recordings
 from tests.refusals import refuse, tell
 
 TIME = np.arange(60) * 0.004
@@ -354,6 +354,13 @@ def test_episodes_of_a_file_are_logs(make_robot, write_npz, lengths):
     assert f"read as {len(lengths)} logs" in tell(found[0].notices)["log.episodes"]
     assert "log.episodes" not in tell(found[1].notices)
     np.testing.assert_array_equal(np.concatenate([entry.torque for entry in found])[:5], tau[:5])
+    # Each is known by its place in the file, by which a result finds it again.
+    sources, told = [entry.source for entry in found], describe_runs(found)
+    again = read_recorded_runs(sources[::-1], {"log_digests": told["log_digests"][::-1]}, make_robot())
+    assert [len(entry.time) for entry in again] == list(lengths[::-1])
+    alone = describe_runs(found[1:2])
+    overlaps = [measure_overlap(entry, sources[1:2], alone) for entry in found]
+    assert [overlap > 0.0 for overlap in overlaps] == [k == 1 for k in range(len(found))]
 
 
 @pytest.mark.parametrize("channel", ["q", "tau", "both"])

@@ -63,15 +63,16 @@ def test_runs_are_read_again_from_what_a_result_tells(make_robot, write):
     )
     recordings = read_log_runs(path, make_robot())
     sources = [entry.source for entry in recordings]
-    told = json.loads(json.dumps(describe_runs(recordings)))["runs"]
+    told = json.loads(json.dumps(describe_runs(recordings)))
     again = read_recorded_runs(sources, told, make_robot())
     for first, second in zip(recordings, again, strict=True):
         np.testing.assert_array_equal(first.position, second.position)
         assert first.run == second.run
         assert first.notices == second.notices
-    plain = read_recorded_runs(sources, None, make_robot())
+    plain = read_recorded_runs(sources, {}, make_robot())
     assert [len(entry.time) for entry in plain] == [50, 50]
-    assert [entry.run for entry in read_recorded_runs(sources, [told[0], {}], make_robot())][1] is None
+    first = {"runs": [told["runs"][0], {}]}
+    assert [entry.run for entry in read_recorded_runs(sources, first, make_robot())][1] is None
 
 
 @pytest.mark.parametrize(
@@ -91,7 +92,7 @@ def test_what_a_result_tells_is_checked(make_robot, write, change):
     told = json.loads(json.dumps(describe_runs(recordings)))["runs"]
     for broken in ([{**told[0], **change}], told * 2, "x"):
         with raises(LogError, "runs.settings") as caught:
-            read_recorded_runs([recordings[0].source], broken, make_robot())
+            read_recorded_runs([recordings[0].source], {"runs": broken}, make_robot())
         assert "identify again" in str(caught.value)
 
 
@@ -133,4 +134,4 @@ def test_files_and_logs_that_are_not_there(make_robot, tmp_path):
     with raises(LogError, "runs.unreadable"):
         read_log_runs(tmp_path / "absent.toml", make_robot())
     with raises(LogError, *["log.no-such-file"] * 2):
-        read_recorded_runs([str(tmp_path / "x.npz"), str(tmp_path / "y.npz")], None, make_robot())
+        read_recorded_runs([str(tmp_path / "x.npz"), str(tmp_path / "y.npz")], {}, make_robot())
