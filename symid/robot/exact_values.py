@@ -137,6 +137,8 @@ def read_vector(section: Section, key: str, unit: str) -> geometry.ExactVector:
     if not section.has_list(key, 3, f"numbers in {unit}"):
         return (geometry.ZERO, geometry.ZERO, geometry.ZERO)
     x, y, z = (read_linear_form(section, key, unit, index) or geometry.ZERO for index in range(3))
+    for index in range(3 if unit == "m" else 0):
+        _warn_long(section, key, index)
     return (x, y, z)
 
 
@@ -219,11 +221,15 @@ def read_angle(section: Section, key: str, *inner: int) -> geometry.Angle:
 def read_length(section: Section, key: str, *inner: int) -> geometry.Exact:
     """Return the length at `key` in m, or at its element `inner`: a number or a form; zero by default."""
     length = read_linear_form(section, key, "m", *inner, code="robot.bad-length")
+    _warn_long(section, key, *inner)
+    return length or geometry.ZERO
+
+
+def _warn_long(section: Section, key: str, *inner: int) -> None:
     number = to_decimal(section.get(key, *inner))
-    if length is not None and number is not None and abs(number) > _LARGEST_LENGTH:
+    if number is not None and abs(number) > _LARGEST_LENGTH:
         text = f"{section.show(key, *inner)} m is long; lengths are in m"
         section.warn("robot.long-length", key, text, *inner)
-    return length or geometry.ZERO
 
 
 def read_position(section: Section, key: str) -> tuple[geometry.Exact, geometry.Placement]:

@@ -1,6 +1,6 @@
 """Bodies that a robot can hardly have, and which slip of the pen would explain them.
 
-Links with their ten parameters, sizes of the robot -> sentences on masses and inertias that do not fit, with
+A tree of links with their ten parameters -> sentences on masses and inertias that do not fit, with
 the likely correction: other units, another order of the entries, a sign, the parallel axis theorem.
 
 Supported: masses in g; inertias in other units of mass and length; entries in another order; signs; inertias
@@ -10,8 +10,9 @@ Not supported: lengths in mm, which readers see; signs of products of inertia th
 
 from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
-from math import log, sqrt
+from math import hypot, log, sqrt
 from statistics import median
+from typing import NamedTuple
 
 import numpy as np
 
@@ -77,16 +78,34 @@ def explain_correction(mass: float, com: Sequence[float], stated: Sequence[float
     return ""
 
 
-def find_implausible(
-    bodies: Mapping[str, Sequence[float]], sizes: Mapping[str, float], reach: float
-) -> Iterator[tuple[str, str]]:
+class PlacedBody(NamedTuple):
+    """A link: the one that carries it, how far (m) its origin is from that one's, and slides; ten parameters.
+
+    These are about its own frame, None where they are unknown.
+    """
+
+    parent: str
+    length: float
+    slide: float
+    inertial: Sequence[float] | None
+
+
+def find_implausible(links: Mapping[str, PlacedBody]) -> Iterator[tuple[str, str]]:
     """Yield links whose mass or inertia does not fit the robot, with a sentence; "" stands for all links.
 
-    Args:
-        bodies: ten parameters of each link about its own frame; those without mass are left out.
-        sizes: of each link, the largest distance of its centre of mass and its joints from its origin, m.
-        reach: of the whole robot, m.
+    `links` have names, and stand behind those that carry them.
     """
+    # How far each link's origin is from the base, and the farthest of its joints and its centre from it.
+    away, sizes = dict[str, float](), dict.fromkeys(links, 0.0)
+    for name, link in links.items():
+        away[name] = away.get(link.parent, 0.0) + link.length + link.slide
+        if link.parent in sizes:
+            sizes[link.parent] = max(sizes[link.parent], link.length)
+    stated = {name: link.inertial for name, link in links.items()}
+    bodies = {name: body for name, body in stated.items() if body is not None and body[9] > 0.0}
+    for name, body in bodies.items():
+        sizes[name] = max(sizes[name], hypot(*body[6:9]) / body[9])
+    reach = max((away[name] + size for name, size in sizes.items()), default=0.0)
     found: dict[str, tuple[float, float]] = {}
     about_origin, shares = list[bool](), list[float]()
     for name, parameters in bodies.items():
@@ -121,5 +140,5 @@ def find_implausible(
             text = f"mass: {mass:.4g} kg, and all other links together have {others:.3g} kg"
             yield name, f"{text}: are these grams?"
     if len(shares) >= _LEAST_LINKS and all(about_origin) and median(shares) > _MOST_OF_IT:
-        text = "all inertias are so large that they may be those about the links' origins; a URDF has those "
-        yield "", text + "about the centre of mass (I - m c^2 is possible for every link)"
+        text = "all inertias are so large that they may be those about the links' origins; the file should "
+        yield "", text + "have those about the centre of mass (I - m c^2 is possible for every link)"

@@ -19,6 +19,7 @@ Lines such as d1 = 0.4 give letters their values, in SI units.
 Not supported there: trees, letters in mm, decimal commas, cells of several lines.
 """
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -61,6 +62,7 @@ from symid.robot.inertia import (
     lump_fixed_joints,
     move_by_placement,
 )
+from symid.robot.plausibility import PlacedBody, find_implausible
 from symid.robot.toml_joints import FRICTION_PARTS, MOVING_KEYS, complete_joint, read_couplings
 from symid.robot.toml_settings import read_named_settings, read_settings
 from symid.robot.toml_values import (
@@ -345,6 +347,22 @@ def _read_mimics(
     return followers
 
 
+def _warn_implausible(root: Section, sections: Sequence[Section], joints: Sequence[Joint]) -> None:
+    """Warn of masses and inertias that do not fit the robot's size."""
+    links = {}
+    for joint in joints:
+        steps = (value.to_float(root.symbols) for value in joint.placement.translation)
+        slide = max(map(abs, joint.limits.position or (0.0,))) if joint.prismatic else 0.0
+        parent = joints[joint.parent].name if joint.parent >= 0 else BASE
+        links[joint.name] = PlacedBody(parent, math.hypot(*steps), slide, joint.inertial)
+    places = {joint.name: section for joint, section in zip(joints, sections, strict=True)}
+    for name, text in find_implausible(links):
+        if name:
+            places[name].warn("robot.implausible-body", "link", text)
+        else:
+            root.warn("robot.implausible-body", "joint", text)
+
+
 def read_joints(root: Section, convention: str) -> tuple[tuple[Joint, ...], tuple[Coupling, ...]]:
     """Return the joints of the file, and the drives that turn with several of them."""
     remedy = 'write [[joint]] and kind = "revolute" for each joint'
@@ -393,6 +411,7 @@ def read_joints(root: Section, convention: str) -> tuple[tuple[Joint, ...], tupl
             form=form,
         )
         joints.append(complete_joint(section, joint, fixed=kinds[index] is None))
+    _warn_implausible(root, sections, joints)
     couplings = read_couplings(root, names, kinds)
     fixed = [index for index, kind in enumerate(kinds) if kind is None]
     if fixed and len(fixed) == len(joints) and not root.errors:

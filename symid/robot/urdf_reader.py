@@ -34,7 +34,7 @@ from symid.robot.geometry import (
     translate,
 )
 from symid.robot.inertia import lump_fixed_joints, move_by_placement
-from symid.robot.plausibility import find_implausible
+from symid.robot.plausibility import PlacedBody, find_implausible
 from symid.robot.toml_values import BASE, sort_notices, suggest_names
 from symid.robot.urdf_parts import TreeJoint, TreeReading, read_parts
 from symid.robot.urdf_xml import XmlDocument
@@ -334,20 +334,12 @@ def assemble_robot(
 
 def _warn_implausible(reading: TreeReading, first: str, kept: Sequence[TreeJoint]) -> None:
     """Warn of masses and inertias of the chosen links that do not fit the robot's size."""
-    # How far each link's origin is from the base, and its farthest part from its origin.
-    away, sizes = {first: 0.0}, {first: 0.0}
+    links = {first: PlacedBody("", 0.0, 0.0, reading.links[first].inertial)}
     for joint in kept:
         length = math.hypot(*(value.to_float() for value in joint.origin.translation))
         slide = max(map(abs, joint.limits.position or (0.0,))) if joint.type == "prismatic" else 0.0
-        away[joint.child] = away[joint.parent] + length + slide
-        sizes[joint.parent] = max(sizes[joint.parent], length)
-        sizes[joint.child] = 0.0
-    stated = {name: reading.links[name].inertial for name in sizes}
-    bodies = {name: body for name, body in stated.items() if body is not None and body[9] > 0.0}
-    for name, body in bodies.items():
-        sizes[name] = max(sizes[name], math.hypot(*body[6:9]) / body[9])
-    reach = max((away[name] + size for name, size in sizes.items()), default=0.0)
-    for name, text in find_implausible(bodies, sizes, reach):
+        links[joint.child] = PlacedBody(joint.parent, length, slide, reading.links[joint.child].inertial)
+    for name, text in find_implausible(links):
         if name:
             reading.links[name].part.warn("robot.implausible-body", text)
         else:

@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from symid.robot.mjcf_reader import parse_xml_robot
+from symid.robot.toml_reader import parse_robot
+from symid.robot.toml_writer import write_robot
 
 CODES = {"robot.implausible-body", "robot.impossible-inertia", "robot.long-length"}
 KEYS = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
@@ -108,6 +110,21 @@ def test_slips_are_seen_and_named(name):
         counts["named"] += any(words in text for text in found)
     assert counts["seen"] >= seen * drawn
     assert counts["named"] >= named * drawn
+
+
+@pytest.mark.parametrize("name", ["mass of one link in g", "masses in g", "g and g mm^2", "lengths in mm"])
+def test_robot_files_are_checked_as_urdfs_are(name):
+    """A TOML file of the same arm has the same doubts, each at its own line."""
+    spoil, everywhere, words, *_ = SLIPS[name]
+    rng = np.random.default_rng(4)
+    links = draw_arm(rng)
+    spoiled = [spoil(link, rng) if everywhere or k == 1 else link for k, link in enumerate(links)]
+    for arm, expected in ((links, 0), (spoiled, 1)):
+        text = write_robot(parse_xml_robot(write_arm(arm), "arm.urdf"))
+        found = [entry for entry in parse_robot(text).notices if entry.code in CODES]
+        assert any(words in entry.text for entry in found) == expected
+        assert bool(found) == expected
+        assert all(entry.line for entry in found)
 
 
 def test_sound_arms_stay_quiet():

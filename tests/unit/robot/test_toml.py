@@ -281,6 +281,16 @@ REMARKS = [
     ("robot.large-angle", "theta = ^90", '"90 deg"'),
     ("robot.point-mass", "link = ^{ mass = 1.0 }", "link: "),
     ("robot.long-length", "a = ^425", "a: 425 m"),
+    (
+        "robot.long-length",
+        LINK + "com = [0, ^115, 0], inertia = { xx = 1, yy = 1, zz = 1 } }",
+        "com: 115 m is long",
+    ),
+    (
+        "robot.implausible-body",
+        "link = ^{ mass = 2e6, inertia = { xx = 1, yy = 1, zz = 1 } }",
+        "are these grams?",
+    ),
     (NEGATIVE, 'friction = { model = "coulomb-viscous", Fv = ^-1, Fc = 1 }', "Fv: -1 drives"),
     ("robot.transmission-gear", "drive = { gear = 50 }\n[log]\ntransmission = [[^40]]", "motor 1 turns 40 "),
     ("robot.elastic-joint", "elasticity = ^{ stiffness = 1e4 }", "elasticity: q is"),
