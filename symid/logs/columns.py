@@ -355,7 +355,9 @@ def choose_default_names(raw: RawLog, name: str) -> tuple[str, ...]:
         found = sorted((int(match[1]), match[0]) for match in numbered if match)
         if found and name != "time":
             return tuple(column for _, column in found)
-    return (DEFAULT_NAMES[name][0],)
+    # The one clock of a bag, or of a table that was made of one.
+    clocks = [column for column in raw.columns if column == "__time" or column.endswith("/time")]
+    return (clocks[0] if name == "time" and len(clocks) == 1 else DEFAULT_NAMES[name][0],)
 
 
 def has_default_columns(raw: RawLog, quantities: Iterable[str]) -> bool:

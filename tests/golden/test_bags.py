@@ -9,7 +9,10 @@ import json
 import sqlite3
 import struct
 
+import numpy as np
 import pytest
+
+import symid
 
 from symid.cli.main import run
 
@@ -80,6 +83,16 @@ def test_efforts_of_the_ur10_are_torques(capsys, table):
     for settings, beyond in (("ros", True), ("bag", False)):
         _, answer = call_json(capsys, "check", "ur10", log, "--settings", settings)
         assert ("log.torque-beyond-limit" in {entry["code"] for entry in answer["warnings"]}) is beyond
+
+
+@pytest.mark.parametrize(("robot", "settings"), [("ur10", "bag"), ("ur10", "ros"), ("panda", "ros")])
+def test_a_bag_is_read_as_a_table_made_of_it(shared_data, table, robot, settings):
+    model = symid.load(robot, settings=settings)
+    bag = symid.read_log(shared_data / "bags" / f"{robot}.db3", model)
+    made = symid.read_log(table(robot), model)
+    assert np.array_equal(bag.q, made.q)
+    assert np.array_equal(bag.tau, made.tau)
+    assert np.allclose(np.diff(bag.time), np.diff(made.time), atol=1e-2)
 
 
 def test_the_recording_of_the_panda_is_read(capsys, table):
