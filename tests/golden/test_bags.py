@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 import symid
-
 from symid.cli.main import run
 
 # kg, and m along the links' x axes; joints 4 to 6 stand near the axis of joint 4.
