@@ -680,5 +680,5 @@ if (document.fonts && document.fonts.ready) document.fonts.ready.then(fitWide);
 window.addEventListener("resize", fitWide);
 for (const node of document.querySelectorAll("details")) node.addEventListener("toggle", fitWide);
 let opened = [];
-window.addEventListener("beforeprint", () => { opened = [...document.querySelectorAll("main details:not([open])")]; for (const node of opened) node.open = true; fitWide(); });
+window.addEventListener("beforeprint", () => { opened = [...document.querySelectorAll("main details:not([open], .exercise *)")]; for (const node of opened) node.open = true; fitWide(); });
 window.addEventListener("afterprint", () => { for (const node of opened) node.open = false; });

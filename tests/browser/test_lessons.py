@@ -182,6 +182,20 @@ def test_exercises_are_marked(browser, tmp_path):
     number = browser.run(f"LESSON_EXERCISES[{place}].number")
     assert browser.run(answer % (place + 1, f"{number:.4g}")) == "right"
     assert browser.run(answer % (place + 1, f"{number * 1.05:.4g}")) == "not yet"
+    # On paper everything that folds is open but the answers, which are not there.
+    browser.run("window.dispatchEvent(new Event('beforeprint'))")
+    opened = (
+        "[...document.querySelectorAll('main details')].map((x) => [Boolean(x.closest('.exercise')), x.open])"
+    )
+    assert {tuple(pair) for pair in browser.run(opened)} == {(True, False), (False, True)}
+    browser.call("Emulation.setEmulatedMedia", media="print")
+    try:
+        shown = (
+            "[...document.querySelectorAll('.exercise details')].filter((x) => x.checkVisibility()).length"
+        )
+        assert browser.run(shown) == 0
+    finally:
+        browser.call("Emulation.setEmulatedMedia", media="")
 
 
 ENGLISH = r"\b(the|of|and|with|is|are|that|by|its|from|to|for|which|this|turns|link|joint|torque|as|answer)\b"
