@@ -7,10 +7,12 @@ import subprocess
 import sys
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 import symid
 from benchmarks.friction_rig import Rig, RigOptions, SpringDrive, simulate_friction_rig
+from symid.cli.main import run
 from symid.codegen.c_library import generate_friction_state
 from symid.joint_models import get_law
 from symid.robot.toml_reader import parse_robot
@@ -22,6 +24,7 @@ from tests.transcripts import run_step
 HERE = {
     "elastic.md": ("[joint.elasticity]",),
     "embedded.md": ("void control",),
+    "export.md": ('kind = "fixed"',),
     "fleet.md": ("# plant.toml", "symid fleet", "progress=print", "SLURMCluster"),
     "friction_dynamic.md": ("fit_friction(samples", "symid_friction_lugre_init"),
     "logs.md": ("[log]", "[[run]]"),
@@ -105,6 +108,23 @@ def test_tables_of_robot_files_are_read():
 
 
 @pytest.mark.usefixtures("c_compiler")
+def test_a_tool_known_from_drawings(tmp_path, robots_folder):
+    """The header has the functions of the plain robot, and values that differ by the tool's weight."""
+    plain = symid.load(robots_folder / "two_link.toml")
+    file, header = tmp_path / "gripper.toml", tmp_path / "gripper_values.h"
+    block = find_block("export.md", 'kind = "fixed"')
+    file.write_text(f"{plain.path.read_text()}\n{block}")
+    assert run(["export", str(file), "--name", "gripper", "-o", str(header), "-q"]) == 0
+    own, tool = plain.compile(), symid.load(file).compile()
+    assert f'GRIPPER_VALUES_SIGNATURE "{own.card.signature}"' in header.read_text()
+    q = np.array([0.3, -0.8])
+    more = tool.gravity(q, tool.beta) - own.gravity(q, own.beta)
+    # Its centre of mass, 0.03 and 0.01 m from a frame that is turned by 30 degrees about the elbow's axis.
+    reach = 0.35 + 0.03 * np.cos(np.pi / 6)
+    side = 0.03 * np.sin(np.pi / 6)
+    assert more[1] == pytest.approx(0.8 * 9.81 * (reach * np.cos(q.sum()) - side * np.sin(q.sum())), rel=1e-9)
+
+
 def test_a_fleet_with_its_table_and_page(tmp_path, robots_folder, monkeypatch):
     pyarrow = pytest.importorskip("pyarrow", reason="wants pyarrow: pip install 'symid[parquet]'")
     parquet = pytest.importorskip("pyarrow.parquet")
