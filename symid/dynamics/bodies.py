@@ -32,6 +32,7 @@ from symid.dynamics.recursion import (
     Wrench,
     add_wrenches,
     build_axis_screws,
+    lift_placement,
     project_wrench,
     rotate_to_parent,
     transform_screw,
@@ -142,29 +143,29 @@ def add_drive_inertias(recursion: Recursion[T], matrix: list[list[T]], parameter
 
 def gather_body(algebra: Algebra[T], parameters: Parameters[T], link: int) -> Body[T]:
     """Return inertia tensor, first moments and mass of a link."""
-
-    def take(name: str) -> T:
-        return parameters.get((link, name), algebra.zero)
-
-    xy, xz, yz = take("XY"), take("XZ"), take("YZ")
-    tensor = ((take("XX"), xy, xz), (xy, take("YY"), yz), (xz, yz, take("ZZ")))
-    return tensor, (take("MX"), take("MY"), take("MZ")), take("M")
+    entries = [parameters.get((link, name), algebra.zero) for name in INERTIAL]
+    xx, xy, xz, yy, yz, zz, mx, my, mz, mass = entries
+    return ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), (mx, my, mz), mass
 
 
 def move_from_stated_frames(robot: Robot, algebra: Algebra[T], stated: Parameters[T]) -> Parameters[T]:
     """Return link parameters about the link frames from those about the frames of the robot file."""
-    moved, constant = dict(stated), algebra.constant
+    moved = dict(stated)
     for link in range(robot.size):
         place = robot.get_stated_frame(link)
         if place == IDENTITY or not any((link, name) in stated for name in INERTIAL):
             continue
-        rows = (*place.rotation, place.translation)
-        a, b, c, origin = ((constant(x), constant(y), constant(z)) for x, y, z in rows)
-        frame = LinkFrame(fixed=(a, b, c), turn=None, origin=origin, revolute=False)
-        tensor, moments, mass = transform_body(algebra, frame, gather_body(algebra, stated, link))
-        entries = (*(tensor[i][j] for i in range(3) for j in range(i, 3)), *moments, mass)
-        moved |= {(link, name): entry for name, entry in zip(INERTIAL, entries, strict=True)}
+        fixed, origin = lift_placement(place, algebra)
+        frame = LinkFrame(fixed=fixed, turn=None, origin=origin, revolute=False)
+        body = transform_body(algebra, frame, gather_body(algebra, stated, link))
+        moved |= {(link, name): entry for name, entry in zip(INERTIAL, list_entries(body), strict=True)}
     return moved
+
+
+def list_entries(body: Body[T]) -> tuple[T, ...]:
+    """Return the ten parameters of a body in their order, see `INERTIAL`."""
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = body[0]
+    return (xx, xy, xz, yy, yz, zz, *body[1], body[2])
 
 
 def build_unit_body(algebra: Algebra[T], name: str) -> Body[T]:

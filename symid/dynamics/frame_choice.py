@@ -179,18 +179,12 @@ def choose_reading(read: Callable[..., Robot]) -> Robot:
     change = float(np.max(differences[largest > 0.0] / largest[largest > 0.0], initial=0.0))
     price = f"torques by at most {change:.1e} of each joint's largest"
     remedy = f"--snap {DEFAULT_SNAP:g}" if coarse else "--snap 0"
-    if stable:
-        code, text = (
-            "robot.rounding-price",
-            f"rounding the angles changes {price}, and not the number of base ",
-        )
-        text += f"parameters ({counts[1]}); {remedy} takes the angles as written"
-    else:
+    code, text = "robot.rounding-price", f"rounding the angles changes {price}, and not the number of base "
+    text += f"parameters ({counts[1]}); {remedy} takes the angles as written"
+    if not stable:
         code, text = "robot.rounding-assumed", "angles near multiples of pi/2 were taken as these multiples: "
-        text += (
-            f"as written, {counts[0]} base parameters in place of {counts[1]} would hinge on the last digits "
-        )
-        text += f"of the file. This changes {price}; if the angles are meant as written, use {remedy}"
+        text += f"as written, {counts[0]} base parameters in place of {counts[1]} would hinge on the last "
+        text += f"digits of the file. This changes {price}; if the angles are meant as written, use {remedy}"
     note = Notice(code=code, text=text, file=rounded.path)
     return replace(rounded, notices=(*rounded.notices, note))
 

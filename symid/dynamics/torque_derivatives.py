@@ -63,22 +63,6 @@ from symid.dynamics.recursion import (
 )
 
 
-class TorqueDerivatives(NamedTuple, Generic[T]):
-    """dtau/dq (N m/rad), dtau/ddq (N m s/rad) and dtau/dddq (kg m^2), a row and a column a joint."""
-
-    by_position: Rows[T]
-    by_velocity: Rows[T]
-    by_acceleration: Rows[T]
-
-
-class EquationTerms(NamedTuple, Generic[T]):
-    """What the equations of motion hold of the position and the velocity: M, 2 C, and the torques at rest."""
-
-    mass: Rows[T]
-    twice_coriolis: Rows[T]
-    rest: tuple[T, ...]
-
-
 class _Composite(NamedTuple, Generic[T]):
     """A composite body in its link's frame: inertia, and `factor` times K and P (see above)."""
 
@@ -150,15 +134,12 @@ class _Sweep(Generic[T]):
     axes: Sequence[Screw[T]]
     rates: Sequence[Screw[T]]
 
-    def carry(self, own: Sequence[Screw[T]]) -> Screws[T]:
-        return transform_screws(self.recursion, tuple(own))
-
     def fill(
         self, lower: Callable[[int], Sequence[tuple[Wrench[T], Screws[T]]]], upper: Callable[[int], Wrench[T]]
     ) -> list[list[T]]:
         """Return the entries (i, j), sums of wrenches of i on screws of j, and (j, i), on the axes."""
         robot, algebra = self.recursion.robot, self.recursion.algebra
-        axes = self.carry(self.axes)
+        axes = transform_screws(self.recursion, self.axes)
         rows = [[algebra.zero] * robot.size for _ in range(robot.size)]
         for joint in range(robot.size):
             parts = [project_wrench(self.recursion, joint, *pair) for pair in lower(joint)]
@@ -171,17 +152,17 @@ class _Sweep(Generic[T]):
         return rows
 
     def compute_mass_matrix(self, parameters: Parameters[T]) -> Rows[T]:
-        algebra, axes = self.recursion.algebra, self.carry(self.axes)
-        momenta = [compute_momentum(algebra, *pair) for pair in self._pair_bodies(self.axes)]
+        axes = transform_screws(self.recursion, self.axes)
+        momenta = self._list_momenta(self.axes)
         rows = self.fill(lambda i: [(momenta[i], axes)], momenta.__getitem__)
         add_drive_inertias(self.recursion, rows, parameters)
         return tuple(map(tuple, rows))
 
     def compute_coriolis_matrix(self) -> Rows[T]:
         """Return C, times the factor of the composites."""
-        algebra, axes, rates = self.recursion.algebra, self.carry(self.axes), self.carry(self.rates)
-        momenta = [compute_momentum(algebra, *pair) for pair in self._pair_bodies(self.axes)]
-        pushes = [compute_momentum(algebra, *pair) for pair in self._pair_bodies(self.rates)]
+        algebra = self.recursion.algebra
+        axes, rates = (transform_screws(self.recursion, own) for own in (self.axes, self.rates))
+        momenta, pushes = self._list_momenta(self.axes), self._list_momenta(self.rates)
         pairs = list(zip(self.composites, self.axes, strict=True))
         couples = [_build_couple(algebra, *pair) for pair in pairs]
         turns = [_turn_momentum(algebra, *pair) for pair in pairs]
@@ -191,8 +172,9 @@ class _Sweep(Generic[T]):
         )
         return tuple(map(tuple, rows))
 
-    def _pair_bodies(self, screws: Sequence[Screw[T]]) -> list[tuple[Body[T], Screw[T]]]:
-        return [(part.body, screw) for part, screw in zip(self.composites, screws, strict=True)]
+    def _list_momenta(self, screws: Sequence[Screw[T]]) -> list[Wrench[T]]:
+        algebra, pairs = self.recursion.algebra, zip(self.composites, screws, strict=True)
+        return [compute_momentum(algebra, part.body, screw) for part, screw in pairs]
 
 
 def _move_body(algebra: Algebra[T], body: Body[T], screw: Screw[T]) -> Body[T]:
@@ -292,7 +274,9 @@ def compute_coriolis_matrix(recursion: Recursion[T], parameters: Parameters[T]) 
     return _build_sweep(recursion, parameters, double=False).compute_coriolis_matrix()
 
 
-def compute_equation_terms(recursion: Recursion[T], parameters: Parameters[T]) -> EquationTerms[T]:
+def compute_equation_terms(
+    recursion: Recursion[T], parameters: Parameters[T]
+) -> tuple[Rows[T], Rows[T], tuple[T, ...]]:
     """Return M, 2 C and the torques at rest, of gravity and springs, of tau = M ddq + C dq + rest.
 
     Of a joint gravity g takes -S' I (0, g): the momentum of its composite body times -g.
@@ -304,15 +288,17 @@ def compute_equation_terms(recursion: Recursion[T], parameters: Parameters[T]) -
         force = compute_momentum(algebra, part.body, screw).force
         weights.append(algebra.neg(algebra.dot(force, motion.gravity)))
     still = (algebra.zero,) * robot.size
-    return EquationTerms(
-        mass=sweep.compute_mass_matrix(parameters),
-        twice_coriolis=sweep.compute_coriolis_matrix(),
-        rest=add_drive_torques(recursion, weights, parameters, still),
-    )
+    mass, twice_coriolis = sweep.compute_mass_matrix(parameters), sweep.compute_coriolis_matrix()
+    return mass, twice_coriolis, add_drive_torques(recursion, weights, parameters, still)
 
 
-def compute_torque_derivatives(recursion: Recursion[T], parameters: Parameters[T]) -> TorqueDerivatives[T]:
-    """Return the derivatives of the joint torques without friction by q, dq and ddq (see above)."""
+def compute_torque_derivatives(
+    recursion: Recursion[T], parameters: Parameters[T]
+) -> tuple[Rows[T], Rows[T], Rows[T]]:
+    """Return the derivatives of the joint torques without friction by q, dq and ddq (see above).
+
+    In N m/rad, N m s/rad and kg m^2, a row and a column a joint.
+    """
     algebra = recursion.algebra
     sweep = _build_sweep(recursion, parameters, double=True)
     spins = compute_acceleration_tensors(recursion)
@@ -330,7 +316,7 @@ def compute_torque_derivatives(recursion: Recursion[T], parameters: Parameters[T
             second.append(Screw(angular=(x, y, z), linear=linear))
         else:
             second.append(Screw(angular=none, linear=(x, y, z)))
-    rates, seconds = sweep.carry(single), sweep.carry(second)
+    rates, seconds = (transform_screws(recursion, own) for own in (single, second))
 
     def compute_lower(joint: int) -> list[tuple[Wrench[T], Screws[T]]]:
         part, axis = sweep.composites[joint], sweep.axes[joint]
@@ -347,8 +333,5 @@ def compute_torque_derivatives(recursion: Recursion[T], parameters: Parameters[T
     for key, value in parameters.items():
         if key[1] == "KS":
             rows[key[0]][key[0]] = algebra.add(rows[key[0]][key[0]], value)
-    return TorqueDerivatives(
-        by_position=tuple(map(tuple, rows)),
-        by_velocity=sweep.compute_coriolis_matrix(),
-        by_acceleration=sweep.compute_mass_matrix(parameters),
-    )
+    by_position = tuple(map(tuple, rows))
+    return by_position, sweep.compute_coriolis_matrix(), sweep.compute_mass_matrix(parameters)

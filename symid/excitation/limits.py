@@ -46,9 +46,8 @@ def smooth_friction(robot: robots.Robot) -> robots.Robot:
             # Neither is known before the robot moves; what the motion must show of them is less.
             named = name_values(friction)
             values = tuple(named.get(name, 0.0) for name in ("Fv", "Fc", "offset")) if named else None
-            friction = FrictionValues(
-                law="coulomb-viscous-offset", values=values, smoothing=friction.smoothing
-            )
+            plain = "coulomb-viscous-offset"
+            friction = FrictionValues(law=plain, values=values, smoothing=friction.smoothing)
         if friction.law == NO_FRICTION or friction.smoothing > 0.0:
             return friction
         return replace(friction, smoothing=_SLOW if velocity is None else _SMOOTHING * velocity)
@@ -152,13 +151,9 @@ def get_motion_limits(robot: robots.Robot, options: ExciteOptions) -> MotionLimi
 
     velocity = get("velocity", options.velocity, "/s")
     acceleration = get("acceleration", options.acceleration, "/s^2")
-    bounds, torque = (
-        (half, velocity, acceleration, get("jerk", options.jerk, "/s^3")),
-        get("torque", None, ""),
-    )
-    return MotionLimits(
-        centre=centre, bounds=np.array(bounds), torque=torque, share=options.share, assumed=tuple(assumed)
-    )
+    bounds = np.array([half, velocity, acceleration, get("jerk", options.jerk, "/s^3")])
+    torque, share = get("torque", None, ""), options.share
+    return MotionLimits(centre=centre, bounds=bounds, torque=torque, share=share, assumed=tuple(assumed))
 
 
 def compute_coefficient_scales(limits: MotionLimits, harmonics: int, period: float) -> FloatArray:
