@@ -403,18 +403,11 @@ def _write_self_test(material: Material, tolerance: str) -> str:
         ).splitlines()
     if material.bristles:
         steps, ports = given_of["friction_step"], material.list_given_ports()
-        tables = [
-            {
-                "name": port.name,
-                "size": max(port.size, 1),
-                "lines": printing.write_table_lines(steps[port.name][0] or (0.0,), real),
-            }
-            for port in ports
-        ]
+        held = {port: printing.write_table_lines(steps[port.name][0] or (0.0,), real) for port in ports}
         states["friction_state"] = material.write(
             "c/friction_memory_test.c.jinja",
             path_lines=printing.write_table_lines(list(chain(*steps["dq"])), real),
-            tables=tables,
+            tables=[{"name": p.name, "size": max(p.size, 1), "lines": lines} for p, lines in held.items()],
             given="".join(f"{port.name}, " for port in ports),
             period=printing.write_literal(_TEST_PERIOD, real),
         ).splitlines()

@@ -298,10 +298,12 @@ class _CPrinter:
 def print_c(program: Program, precision: str, *, together: bool = False) -> FunctionBody:
     """Return a C function's body over arrays named as ports; `together`: sines at once, by `find_sines`."""
     spec, suffix = program.spec, "f" if precision == "float" else ""
+    angles, before = group_angles(program) if together else ({}, [])
     printer = _CPrinter(
         program,
         precision,
-        *(group_angles(program) if together else ({}, ())),
+        angles,
+        before,
         lambda value: write_literal(value, precision),
         lambda port, element: f"{spec.inputs[port].name}[{element}]",
         lambda op: op.value if op in _HELPER_OPS else _C_NAMES.get(op, op.value) + suffix,

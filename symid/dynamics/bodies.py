@@ -20,7 +20,6 @@ Not supported: articulated bodies of joints that share a coordinate or a drive.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from itertools import product
 
 from symid.dynamics.algebra import Algebra, Label, Matrix, T, Vector, transpose
@@ -280,18 +279,13 @@ def add_bodies(algebra: Algebra[T], left: Body[T], right: Body[T]) -> Body[T]:
 def compute_mass_matrix(recursion: Recursion[T], parameters: Parameters[T]) -> tuple[tuple[T, ...], ...]:
     """Return the mass matrix, rotor inertias included (composite bodies, Walker and Orin 1982)."""
     robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
-    zero = algebra.zero
-    screws = transform_screws(recursion, build_axis_screws(recursion))
-    matrix = [[zero] * robot.size for _ in range(robot.size)]
+    axes = build_axis_screws(recursion)
+    screws = transform_screws(recursion, axes)
+    matrix = [[algebra.zero] * robot.size for _ in range(robot.size)]
     bodies = [gather_body(algebra, parameters, link) for link in range(robot.size)]
     for joint in reversed(range(robot.size)):
-        tensor, (mx, my, _), mass = bodies[joint]
-        if frames[joint].revolute:
-            column = (tensor[0][2], tensor[1][2], tensor[2][2])
-            wrench = Wrench(force=(algebra.neg(my), mx, zero), moment=column)
-        else:
-            wrench = Wrench(force=(zero, zero, mass), moment=(my, algebra.neg(mx), zero))
-        entries = project_wrench(recursion, joint, wrench, screws)
+        momentum = compute_momentum(algebra, bodies[joint], axes[joint])
+        entries = project_wrench(recursion, joint, momentum, screws)
         for other in range(joint + 1):
             matrix[joint][other] = matrix[other][joint] = entries[other]
         parent = robot.joints[joint].parent
@@ -395,15 +389,13 @@ def solve_articulated_bodies(
     motions: list[Screw[T]] = []
     found = []
     none = (zero, zero, zero)
-    for one, (start, answer), frame in zip(robot.joints, reversed(answers), frames, strict=True):
+    steps = zip(robot.joints, reversed(answers), frames, build_axis_screws(recursion), strict=True)
+    for one, (start, answer), frame, axis in steps:
         before = motions[one.parent] if one.parent >= 0 else Screw(angular=none, linear=none)
         screw = transform_screw(algebra, frame, before)
         shares = map(algebra.mul, answer, (*screw.angular, *screw.linear))
         found.append(algebra.sub(start, algebra.sum_values(shares)))
-        own = (algebra.zero, algebra.zero, found[-1])
-        if frame.revolute:
-            screw = replace(screw, angular=algebra.add_vectors(screw.angular, own))
-        else:
-            screw = replace(screw, linear=algebra.add_vectors(screw.linear, own))
-        motions.append(screw)
+        own = (algebra.scale_vector(found[-1], part) for part in (axis.angular, axis.linear))
+        angular, linear = map(algebra.add_vectors, (screw.angular, screw.linear), own)
+        motions.append(Screw(angular=angular, linear=linear))
     return tuple(found)

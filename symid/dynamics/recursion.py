@@ -245,16 +245,11 @@ def build_axis_screws(recursion: Recursion[T]) -> tuple[Screw[T], ...]:
 
 def compute_screw_rates(recursion: Recursion[T]) -> tuple[Screw[T], ...]:
     """Return v x z, the change of velocities by the coordinate: (w x z, v x z), for slides (0, w x z)."""
-    algebra = recursion.algebra
-    zero = algebra.zero
-    none, axis = (zero, zero, zero), (zero, zero, algebra.one)
-    result = []
-    for frame, motion in zip(recursion.frames, recursion.motions, strict=True):
-        turned = algebra.cross(motion.angular, axis)
-        if frame.revolute:
-            result.append(Screw(angular=turned, linear=algebra.cross(motion.linear, axis)))
-        else:
-            result.append(Screw(angular=none, linear=turned))
+    cross, result = recursion.algebra.cross, []
+    for axis, motion in zip(build_axis_screws(recursion), recursion.motions, strict=True):
+        turned, moved = cross(motion.linear, axis.angular), cross(motion.angular, axis.linear)
+        linear = recursion.algebra.add_vectors(turned, moved)
+        result.append(Screw(angular=cross(motion.angular, axis.angular), linear=linear))
     return tuple(result)
 
 

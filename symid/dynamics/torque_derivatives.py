@@ -305,17 +305,11 @@ def compute_torque_derivatives(
     wrenches = accumulate_wrenches(recursion, compute_link_wrenches(recursion, parameters, spins))
     single = compute_screw_rates(recursion)
     # T of every joint, (U z, a x z + 2 v x (w x z)), or (0, U z) if prismatic.
-    zero = algebra.zero
-    none, along = (zero, zero, zero), (zero, zero, algebra.one)
     second = []
-    for link, spin in enumerate(spins):
-        x, y, z = (row[2] for row in spin.tensor)
-        if recursion.frames[link].revolute:
-            swing = algebra.cross(recursion.motions[link].linear, _double(algebra, single[link]).angular)
-            linear = algebra.add_vectors(algebra.cross(spin.linear, along), swing)
-            second.append(Screw(angular=(x, y, z), linear=linear))
-        else:
-            second.append(Screw(angular=none, linear=(x, y, z)))
+    for spin, axis, rate, motion in zip(spins, sweep.axes, sweep.rates, recursion.motions, strict=True):
+        swing, turned = algebra.cross(motion.linear, rate.angular), algebra.cross(spin.linear, axis.angular)
+        linear = algebra.add_vectors(algebra.apply_matrix(spin.tensor, axis.linear), turned, swing)
+        second.append(Screw(angular=algebra.apply_matrix(spin.tensor, axis.angular), linear=linear))
     rates, seconds = (transform_screws(recursion, own) for own in (single, second))
 
     def compute_lower(joint: int) -> list[tuple[Wrench[T], Screws[T]]]:
