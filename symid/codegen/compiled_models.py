@@ -454,7 +454,7 @@ def write_external(functions: "Functions", name: str) -> str:
         # By the parameters: the regressor, of forward dynamics at the acceleration that was found.
         values, room = f"w + {work}", output.size * port.size
         work += (1 + forward) * room
-        block = {"columns": port.size, "values": values, "target": f"w + {work - room}"}
+        block = {"columns": port.size, "rows": values, "target": f"w + {work - room}"}
         call = ", ".join((*given[:2], places[0] if forward else given[2], values))
         regressors.append({"call": call, "inverses": places[3:], **block})
 
