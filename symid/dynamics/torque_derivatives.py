@@ -107,11 +107,6 @@ def _build_composite(
     return _Composite(body=body, turning=_shift_turning(algebra, spin, v, body[1]), momentum=momentum)
 
 
-def _double(algebra: Algebra[T], screw: Screw[T]) -> Screw[T]:
-    a, b = screw.angular, screw.linear
-    return Screw(angular=algebra.add_vectors(a, a), linear=algebra.add_vectors(b, b))
-
-
 def _turn_momentum(algebra: Algebra[T], part: _Composite[T], screw: Screw[T]) -> Wrench[T]:
     """Return B S, times the factor of `part`."""
     moment = algebra.apply_matrix(part.turning, screw.angular)
@@ -242,8 +237,11 @@ def compute_mass_derivatives(recursion: Recursion[T], parameters: Parameters[T])
 
 
 def _build_sweep(recursion: Recursion[T], parameters: Parameters[T], *, double: bool) -> _Sweep[T]:
-    rates = compute_screw_rates(recursion)
-    robot, algebra = recursion.robot, recursion.algebra
+    robot, algebra, rates = recursion.robot, recursion.algebra, compute_screw_rates(recursion)
+    if double:
+        pairs = [(one.angular, one.linear) for one in rates]
+        twice = ((algebra.add_vectors(a, a), algebra.add_vectors(b, b)) for a, b in pairs)
+        rates = tuple(Screw(angular=angular, linear=linear) for angular, linear in twice)
     found = [
         _build_composite(algebra, gather_body(algebra, parameters, link), motion, double=double)
         for link, motion in enumerate(recursion.motions)
@@ -261,12 +259,8 @@ def _build_sweep(recursion: Recursion[T], parameters: Parameters[T], *, double: 
                 add_matrices(algebra, left.turning, turning),
                 algebra.add_vectors(left.momentum, momentum),
             )
-    return _Sweep(
-        recursion=recursion,
-        composites=found,
-        axes=build_axis_screws(recursion),
-        rates=[_double(recursion.algebra, rate) for rate in rates] if double else rates,
-    )
+    axes = build_axis_screws(recursion)
+    return _Sweep(recursion=recursion, composites=found, axes=axes, rates=rates)
 
 
 def compute_coriolis_matrix(recursion: Recursion[T], parameters: Parameters[T]) -> Rows[T]:
