@@ -390,12 +390,12 @@ def solve_articulated_bodies(
     found = []
     none = (zero, zero, zero)
     steps = zip(robot.joints, reversed(answers), frames, build_axis_screws(recursion), strict=True)
-    for one, (start, answer), frame, axis in steps:
+    for one, (start, answer), frame, unit in steps:
         before = motions[one.parent] if one.parent >= 0 else Screw(angular=none, linear=none)
         screw = transform_screw(algebra, frame, before)
         shares = map(algebra.mul, answer, (*screw.angular, *screw.linear))
         found.append(algebra.sub(start, algebra.sum_values(shares)))
-        own = (algebra.scale_vector(found[-1], part) for part in (axis.angular, axis.linear))
+        own = (algebra.scale_vector(found[-1], part) for part in (unit.angular, unit.linear))
         angular, linear = map(algebra.add_vectors, (screw.angular, screw.linear), own)
         motions.append(Screw(angular=angular, linear=linear))
     return tuple(found)
