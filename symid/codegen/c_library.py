@@ -362,6 +362,7 @@ def _write_self_test(material: Material, tolerance: str) -> str:
     # Tables of numbers, each once, and what the functions are given and must return.
     arrays: dict[str, Fields] = {}
     tests: list[Fields] = []
+    given_of: dict[str, dict[str, references.ReferenceRows]] = {}
 
     def add_array(kind: str, name: str, rows: references.ReferenceRows) -> str:
         if name not in arrays:
@@ -372,6 +373,7 @@ def _write_self_test(material: Material, tolerance: str) -> str:
         return name
 
     for spec, reference in zip(specs, material.references, strict=True):
+        given_of[spec.name] = {p.name: rows for p, rows in zip(spec.inputs, reference.inputs, strict=True)}
         given, returned = [], []
         for port, table, rows in zip(spec.inputs, reference.tables, reference.inputs, strict=True):
             if port.shared:
@@ -390,10 +392,6 @@ def _write_self_test(material: Material, tolerance: str) -> str:
         tests.append({"name": spec.name, "call": ", ".join(call), **listed, **counts})
     # Tests of functions with a state run along a step's own test.
     states: dict[str, list[str]] = {}
-    given_of = {
-        spec.name: {port.name: rows for port, rows in zip(spec.inputs, reference.inputs, strict=True)}
-        for spec, reference in zip(specs, material.references, strict=True)
-    }
     if material.stops:
         steps = given_of["hysteresis_step"]
         states["hysteresis"] = material.write(

@@ -155,8 +155,8 @@ class _Sweep(Generic[T]):
 
     def compute_coriolis_matrix(self) -> Rows[T]:
         """Return C, times the factor of the composites."""
-        algebra = self.recursion.algebra
-        axes, rates = (transform_screws(self.recursion, own) for own in (self.axes, self.rates))
+        algebra, axes = self.recursion.algebra, transform_screws(self.recursion, self.axes)
+        rates = transform_screws(self.recursion, self.rates)
         momenta, pushes = self._list_momenta(self.axes), self._list_momenta(self.rates)
         pairs = list(zip(self.composites, self.axes, strict=True))
         couples = [_build_couple(algebra, *pair) for pair in pairs]
@@ -239,9 +239,8 @@ def compute_mass_derivatives(recursion: Recursion[T], parameters: Parameters[T])
 def _build_sweep(recursion: Recursion[T], parameters: Parameters[T], *, double: bool) -> _Sweep[T]:
     robot, algebra, rates = recursion.robot, recursion.algebra, compute_screw_rates(recursion)
     if double:
-        pairs = [(one.angular, one.linear) for one in rates]
-        twice = ((algebra.add_vectors(a, a), algebra.add_vectors(b, b)) for a, b in pairs)
-        rates = tuple(Screw(angular=angular, linear=linear) for angular, linear in twice)
+        add = algebra.add_vectors
+        rates = tuple(Screw(angular=add(r.angular, r.angular), linear=add(r.linear, r.linear)) for r in rates)
     found = [
         _build_composite(algebra, gather_body(algebra, parameters, link), motion, double=double)
         for link, motion in enumerate(recursion.motions)
@@ -304,7 +303,7 @@ def compute_torque_derivatives(
         swing, turned = algebra.cross(motion.linear, rate.angular), algebra.cross(spin.linear, axis.angular)
         linear = algebra.add_vectors(algebra.apply_matrix(spin.tensor, axis.linear), turned, swing)
         second.append(Screw(angular=algebra.apply_matrix(spin.tensor, axis.angular), linear=linear))
-    rates, seconds = (transform_screws(recursion, own) for own in (single, second))
+    rates, seconds = transform_screws(recursion, single), transform_screws(recursion, second)
 
     def compute_lower(joint: int) -> list[tuple[Wrench[T], Screws[T]]]:
         part, axis = sweep.composites[joint], sweep.axes[joint]

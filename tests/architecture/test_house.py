@@ -8,7 +8,7 @@ from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
     "files of symid/": 228,
-    "lines": 85_456,
+    "lines": 85_453,
     "imports inside functions": 78,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
     "lines of tests": 60_640,  # Faults of samples, and plants of the judge, are tested on their own.
