@@ -23,27 +23,14 @@ from typing import ClassVar
 NOTES = frozenset(
     (
         *("check.elastic", "elastic.known", "elastic.motor-side", "elastic.spring-kind"),
-        *("export.source-edited", "estimate.settings-differ"),
-        *(
-            "identify.automatic",
-            "identify.friction-law",
-            "identify.friction-state",
-            "identify.second-encoder",
-            "identify.slow-rows",
-        ),
+        *("export.source-edited", "estimate.settings-differ", "identify.automatic", "identify.friction-law"),
+        *("identify.friction-state", "identify.second-encoder", "identify.slow-rows"),
         *("identify.measured-load", "identify.plain-friction", "identify.bad-rows"),
         *("identify.unused-processing", "lesson.not-executed"),
         *("log.aligned", "log.converted", "log.cut", "log.delay-refuted", "log.folded", "log.in-line"),
         *("log.episodes", "log.layout", "log.missing", "log.sample-rate", "log.time-unit"),
-        *(
-            "log.motor-position",
-            "log.no-motor",
-            "log.offset",
-            "log.payload",
-            "log.resampled",
-            "log.topic-read",
-            "log.wraps",
-        ),
+        *("log.motor-position", "log.no-motor", "log.offset", "log.payload", "log.resampled"),
+        *("log.topic-read", "log.wraps"),
         *("log.incomplete-messages", "identify.mounting", "robot.free-gravity"),
         *("new.assumed-order", "new.assumed-side", "new.gravity"),
         *("new.friction-kept", "new.preset", "new.unused-columns", "payload.controller-scope"),
@@ -180,14 +167,12 @@ def merge_notices(notices: Iterable[Notice], sources: Collection[str] = ()) -> t
         found = _JOINT.match(notice.text)
         template = _NUMBER.sub("#", notice.text[found.end() :]) if found else str(notice)
         alike.setdefault((notice.code, template, notice.file), []).append(notice)
-    return tuple(_name_others(group) for group in alike.values())
-
-
-def _name_others(group: Sequence[Notice]) -> Notice:
-    """Return the first of notices that differ by their joint and by numbers, with the names of the others."""
-    names = [found[1] for notice in group[1:] if (found := _JOINT.match(notice.text))]
-    more = f" (likewise, with other numbers: {', '.join(names)})" if names else ""
-    return replace(group[0], text=group[0].text + more)
+    named = []
+    for first, *others in alike.values():
+        names = [found[1] for notice in others if (found := _JOINT.match(notice.text))]
+        more = f" (likewise, with other numbers: {', '.join(names)})" if names else ""
+        named.append(replace(first, text=first.text + more))
+    return tuple(named)
 
 
 def _merge(group: Sequence[Notice], sources: Collection[str]) -> Notice:

@@ -23,6 +23,7 @@ from symid.arrays import FloatArray
 from symid.environment import require_memory
 
 _Map = Callable[[FloatArray], FloatArray]
+_require_once = cache(require_memory)
 
 
 class Ending(Enum):
@@ -239,7 +240,8 @@ def _run(
     """Return where Ipopt ends; `parts` are expressions of x / units, bounds of g, settings."""
     import casadi
 
-    _secure_memory()
+    # Its own linear algebra never returns where it finds no memory; libraries and buffers take 157 MB.
+    _require_once(200)
     expressions, bounds, settings = parts
     common = {"no_nlp_grad": True, "print_time": False, "error_on_fail": False}
     solver = casadi.nlpsol("problem", "ipopt", expressions, {**common, **settings})
@@ -254,12 +256,6 @@ def _run(
     return IpoptRun(
         x=x, outcome=outcome, reason=reason, status=status, iterations=int(statistics["iter_count"])
     )
-
-
-@cache
-def _secure_memory() -> None:
-    # Its own linear algebra never returns where it finds no memory; libraries and buffers take 157 MB.
-    require_memory(200)
 
 
 def _list_settings(options: IpoptOptions, *, exact: bool) -> dict[str, Any]:

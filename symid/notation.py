@@ -148,13 +148,8 @@ UNITS: dict[str, tuple[str, float]] = {
 
 
 _LIKE = (
-    *(
-        ("**", "^"),
-        ("*", " "),
-        ("\N{MIDDLE DOT}", " "),
-        ("\N{DOT OPERATOR}", " "),
-        ("\N{SUPERSCRIPT TWO}", "^2"),
-    ),
+    *(("**", "^"), ("*", " "), ("\N{MIDDLE DOT}", " "), ("\N{DOT OPERATOR}", " ")),
+    ("\N{SUPERSCRIPT TWO}", "^2"),
     *(("\N{DEGREE SIGN}", "deg"), ("\N{MASCULINE ORDINAL INDICATOR}", "deg")),
     *(("\N{MICRO SIGN}", "u"), ("\N{GREEK SMALL LETTER MU}", "u")),
 )

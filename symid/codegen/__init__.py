@@ -21,7 +21,6 @@ if TYPE_CHECKING:
         PlantRobot as PlantRobot,
         RigidExperiment as RigidExperiment,
         RigidLog as RigidLog,
-        RigidPlantRobot as RigidPlantRobot,
         build_compiled_function as build_compiled_function,
         has_addresses as has_addresses,
         load_plant_code as load_plant_code,

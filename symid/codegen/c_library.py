@@ -362,6 +362,7 @@ def _write_self_test(material: Material, tolerance: str) -> str:
     # Tables of numbers, each once, and what the functions are given and must return.
     arrays: dict[str, Fields] = {}
     tests: list[Fields] = []
+    given_of: dict[str, dict[str, references.ReferenceRows]] = {}
 
     def add_array(kind: str, name: str, rows: references.ReferenceRows) -> str:
         if name not in arrays:
@@ -372,6 +373,7 @@ def _write_self_test(material: Material, tolerance: str) -> str:
         return name
 
     for spec, reference in zip(specs, material.references, strict=True):
+        given_of[spec.name] = {p.name: rows for p, rows in zip(spec.inputs, reference.inputs, strict=True)}
         given, returned = [], []
         for port, table, rows in zip(spec.inputs, reference.tables, reference.inputs, strict=True):
             if port.shared:
@@ -388,7 +390,25 @@ def _write_self_test(material: Material, tolerance: str) -> str:
         counts = {"input_count": len(given), "output_count": len(returned)}
         listed = {"inputs": given, "outputs": returned}
         tests.append({"name": spec.name, "call": ", ".join(call), **listed, **counts})
-    states = _write_state_tests(material)
+    # Tests of functions with a state run along a step's own test.
+    states: dict[str, list[str]] = {}
+    if material.stops:
+        steps = given_of["hysteresis_step"]
+        states["hysteresis"] = material.write(
+            "c/hysteresis_test.c.jinja",
+            path_lines=printing.write_table_lines(list(chain(*steps["phi"])), real),
+            spring_lines=printing.write_table_lines(steps["h"][0], real),
+        ).splitlines()
+    if material.bristles:
+        steps, ports = given_of["friction_step"], material.list_given_ports()
+        held = {port: printing.write_table_lines(steps[port.name][0] or (0.0,), real) for port in ports}
+        states["friction_state"] = material.write(
+            "c/friction_memory_test.c.jinja",
+            path_lines=printing.write_table_lines(list(chain(*steps["dq"])), real),
+            tables=[{"name": p.name, "size": max(p.size, 1), "lines": lines} for p, lines in held.items()],
+            given="".join(f"{port.name}, " for port in ports),
+            period=printing.write_literal(_TEST_PERIOD, real),
+        ).splitlines()
     inputs = max(sum(port.size for port in spec.inputs if not port.shared) for spec in specs)
     outputs = max(sum(port.size * _BATCH_SAMPLES + _FENCE for port in spec.outputs) for spec in specs)
     return material.write(
@@ -412,43 +432,6 @@ def _write_self_test(material: Material, tolerance: str) -> str:
         state_lines=list(chain(*states.values())),
         state_tests=list(states),
     )
-
-
-def _write_state_tests(material: Material) -> dict[str, list[str]]:
-    """Return the lines of the tests of functions with a state, by name; they run along a step's own test."""
-    real, found = material.options.precision, {}
-    names = [program.spec.name for program in material.programs]
-
-    def gather(function: str) -> dict[str, tuple[tuple[float, ...], ...]]:
-        index = names.index(function)
-        ports = [port.name for port in material.programs[index].spec.inputs]
-        return dict(zip(ports, material.references[index].inputs, strict=True))
-
-    if material.stops:
-        given = gather("hysteresis_step")
-        found["hysteresis"] = material.write(
-            "c/hysteresis_test.c.jinja",
-            path_lines=printing.write_table_lines(list(chain(*given["phi"])), real),
-            spring_lines=printing.write_table_lines(given["h"][0], real),
-        ).splitlines()
-    if material.bristles:
-        given, ports = gather("friction_step"), material.list_given_ports()
-        tables = [
-            {
-                "name": port.name,
-                "size": max(port.size, 1),
-                "lines": printing.write_table_lines(given[port.name][0] or (0.0,), real),
-            }
-            for port in ports
-        ]
-        found["friction_state"] = material.write(
-            "c/friction_memory_test.c.jinja",
-            path_lines=printing.write_table_lines(list(chain(*given["dq"])), real),
-            tables=tables,
-            given="".join(f"{port.name}, " for port in ports),
-            period=printing.write_literal(_TEST_PERIOD, real),
-        ).splitlines()
-    return found
 
 
 def _write_parameters(material: Material, vectors: Mapping[str, Sequence[ParameterCard]]) -> Fields:

@@ -177,17 +177,6 @@ def lock_folder(folder: Path, progress: Callable[[], None]) -> Iterator[None]:
                 place.rmdir()
 
 
-def _remove_entry(path: Path) -> None:
-    """Remove an entry after a rename, so that no process reads half of it."""
-    aside = path.parent / f".old-{secrets.token_hex(6)}"
-    with contextlib.suppress(FileNotFoundError):
-        path.rename(aside)
-        if aside.is_dir() and not aside.is_symlink():
-            shutil.rmtree(aside, ignore_errors=True)
-        else:
-            aside.unlink()
-
-
 _SEAL = "seal.json"
 _HASHED_ROOMS = ("robot", "joint_models", "dynamics", "codegen")
 _PACKAGE = Path(__file__).resolve().parent.parent
@@ -315,7 +304,14 @@ def _obtain_from(entry: CacheEntry[T], folder: Path) -> tuple[T, tuple[Notice, .
                 damage = str(error)
         # Only a damaged one: another process may have stored a sound entry since.
         if damage:
-            _remove_entry(place)
+            # After a rename, so that no process reads half of it.
+            aside = folder / f".old-{secrets.token_hex(6)}"
+            with contextlib.suppress(FileNotFoundError):
+                place.rename(aside)
+                if aside.is_dir() and not aside.is_symlink():
+                    shutil.rmtree(aside, ignore_errors=True)
+                else:
+                    aside.unlink()
         _clear_scraps(place.parent)
         found = _make_alone(entry, place)
     except OSError as error:

@@ -130,11 +130,8 @@ def build_functions(
         UsageError: a name is not in the catalogue, or the robot file lacks a value that shall be constant.
     """
     check_symbols(robot)
-    base = (
-        build_standard_parameters(robot, internal=standard == "internal")
-        if standard
-        else derive_base_parameters(robot)
-    )
+    internal = standard == "internal"
+    base = build_standard_parameters(robot, internal=internal) if standard else derive_base_parameters(robot)
     specs = tuple(spec for spec in list_robot_specs(robot, base, names) if spec.name not in without)
     card = build_model_card(robot, base, specs)
     constants = get_constants(card) if constant else {}

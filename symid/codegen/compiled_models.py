@@ -21,11 +21,13 @@ import platform
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import lru_cache
+from itertools import accumulate
 from pathlib import Path
 from typing import TYPE_CHECKING, final
 
 import numpy as np
 
+from symid import joint_models
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen.cache import CacheEntry, compute_library_key, obtain_entry
 from symid.codegen.compiler import Compiler, compile_sources, locate_compiler
@@ -37,16 +39,6 @@ from symid.codegen.source_folder import write_sources
 from symid.codegen.source_text import BANNER, build_library_prefix, write_template
 from symid.environment import locate_resource_folder
 from symid.errors import GenerationError, Notice, OutputError, UsageError
-from symid.joint_models import (
-    REFERENCE_TEMPERATURE,
-    BranchPath,
-    Elasticity,
-    SteppedBranch,
-    build_branch_step,
-    build_float_carrier,
-    run_branch,
-    strip_branch,
-)
 from symid.robot import Robot
 from symid.serialization import compute_signature
 
@@ -66,6 +58,7 @@ _ELEMENT = "symid_plant_pull"
 _BRANCH = "symid_branch"
 _READS = {"q": 1, "load": 2, "temperature": 4}
 _Records = Sequence[ctypes.Structure]
+_Tables = tuple[FloatArray, ...]
 RIGID_FUNCTIONS = ("forward_dynamics", "mass_matrix", "bias")
 """That a rigid robot's plant calls, beside those of friction."""
 
@@ -159,28 +152,6 @@ class PlantLog(FrozenArrays):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class RigidPlantRobot(FrozenArrays):
-    """Numbers of a rigid robot, SI units; lines of friction have rows of standstill, ahead and back.
-
-    Args:
-        beta: (p,). friction: (pf,). viscous, level: (3, n), zero in the first row.
-        curved, varying, bristled: (n,) 1 where friction is a curve, depends on position or load, has a state.
-        owner, stiffness, element: (m,) coordinate, N m/rad or N/m, and kind of each deflection.
-    """
-
-    beta: FloatArray
-    friction: FloatArray
-    viscous: FloatArray
-    level: FloatArray
-    curved: FloatArray
-    varying: FloatArray
-    bristled: FloatArray
-    owner: FloatArray
-    stiffness: FloatArray
-    element: FloatArray
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RigidExperiment(FrozenArrays):
     """An experiment: references at every tick, and where the robot and its controller start.
 
@@ -263,7 +234,7 @@ class CompiledPlant:
         """Return what happens to the robot; a GenerationError where `library` is not compiled in doubles."""
         # The records of C have the fields of ours, in their order.
         ticks, n, springs = order.ticks, robot.size, self.springs
-        warm = np.full(n, REFERENCE_TEMPERATURE)
+        warm = np.full(n, joint_models.REFERENCE_TEMPERATURE)
         arrays = {field.name: np.zeros((ticks, n)) for field in fields(PlantLog)[:-1]}
         start = np.concatenate([order.q, np.zeros(n), order.theta, np.zeros(n)])
         plant = _pack(
@@ -290,23 +261,37 @@ class CompiledPlant:
         robot, order, answer = map(ctypes.byref, records)
         return int(run(robot, order, *pointers, answer))
 
-    def run_rigid(self, library: Library, robot: RigidPlantRobot, order: RigidExperiment) -> RigidLog:
+    def run_rigid(
+        self,
+        library: Library,
+        parameters: tuple[FloatArray, FloatArray],
+        tables: _Tables,
+        order: RigidExperiment,
+    ) -> RigidLog:
         """Return what happens to a rigid robot, whose functions `library` has; see `RigidExperiment`.
+
+        Args:
+            library: its functions.
+            parameters: beta (p,) and those of friction (pf,), SI units.
+            tables: of friction, in the order of the record in C. Lines with rows of standstill, ahead and
+                back: viscous and level (3, n), zero in the first row. (n,) 1 where friction is a curve, where
+                it depends on position or load, where it has a state. Of each deflection (m,) its coordinate,
+                its stiffness in N m/rad or N/m, and 1 where it is an element.
+            order: the experiment.
 
         Raises:
             GenerationError: the library is none of compiled functions in double precision.
         """
-        (ticks, size), bends = order.position.shape, len(robot.owner)
-        warm, end = np.full(size, REFERENCE_TEMPERATURE), np.zeros(2)
+        (beta, values), (ticks, size), bends = parameters, order.position.shape, len(tables[-1])
+        warm, end = np.full(size, joint_models.REFERENCE_TEMPERATURE), np.zeros(2)
         shapes = (*[(ticks, size)] * 3, (ticks, bends), (ticks,), (ticks,))
         named = zip(fields(RigidLog), shapes, strict=False)
         arrays = {field.name: np.zeros(shape) for field, shape in named}
         start = np.concatenate([order.q, order.dq, np.sign(order.dq), order.measured, order.velocity])
-        flags = (int(bool(part.any())) for part in (robot.curved, robot.varying))
+        flags = (int(bool(part.any())) for part in tables[2:4])
         functions = (_get_function_address(library, name) for name in RIGID_FUNCTIONS)
-        friction = _list_friction(library, robot.friction, warm, bends=bends > 0)
-        tables = (getattr(robot, field.name) for field in fields(robot)[2:])
-        plant = _pack(size, bends, *flags, int(order.controlled), *functions, *friction, robot.beta, *tables)
+        friction = _list_friction(library, values, warm, bends=bends > 0)
+        plant = _pack(size, bends, *flags, int(order.controlled), *functions, *friction, beta, *tables)
         references = (getattr(order, field.name) for field in fields(order)[:8])
         sizes, times = (ticks, order.substeps, int(order.sensed)), (order.period, order.blend)
         experiment = _pack(*sizes, *map(ctypes.c_double, times), *references)
@@ -348,7 +333,10 @@ def _list_friction(
 
 
 def load_plant_code(
-    springs: tuple[Elasticity, ...] = (), *, compiler: str | None = None, cache: Path | None = None
+    springs: tuple[joint_models.Elasticity, ...] = (),
+    *,
+    compiler: str | None = None,
+    cache: Path | None = None,
 ) -> CompiledPlant | None:
     """Return the compiled plant, from the cache or made now; None on a machine without a C compiler.
 
@@ -391,7 +379,7 @@ def _obtain_code(
     return obtain_entry(entry, cache)
 
 
-def write_springs(springs: tuple[Elasticity, ...]) -> str:
+def write_springs(springs: tuple[joint_models.Elasticity, ...]) -> str:
     """Return the C of a function that computes the torque of any of these springs, without damping."""
     helpers: list[str] = []
     joints = []
@@ -403,16 +391,18 @@ def write_springs(springs: tuple[Elasticity, ...]) -> str:
     return write_template("element/springs.c.jinja", {"helpers": helpers, "joints": joints, "name": _ELEMENT})
 
 
-def run_compiled_branch(branch: SteppedBranch, path: BranchPath, states: FloatArray) -> FloatArray:
+def run_compiled_branch(
+    branch: joint_models.SteppedBranch, path: joint_models.BranchPath, states: FloatArray
+) -> FloatArray:
     """Return states (n), force and energy of a branch after every sample of a path, (N, n + 2)."""
-    call = _load_branch(strip_branch(branch))
+    call = _load_branch(joint_models.strip_branch(branch))
     if call is None:
-        return run_branch(branch, path, states)
+        return joint_models.run_branch(branch, path, states)
     position, way, velocity, period = path
     motions = np.ascontiguousarray(np.vstack([position, way, velocity, period]), dtype=np.float64)
     numbers = np.array(list(branch.list_values().values()), dtype=np.float64)
     # The code writes as many states as the branch has, whatever it is given.
-    size = len(branch.start(build_float_carrier(), 0.0, 0.0))
+    size = len(branch.start(joint_models.build_float_carrier(), 0.0, 0.0))
     before = np.array(np.broadcast_to(states, size), dtype=np.float64)
     after = np.empty((motions.shape[1], size + 2))
     pointers = (ctypes.c_void_p(array.ctypes.data) for array in (motions, numbers, before, after))
@@ -421,7 +411,7 @@ def run_compiled_branch(branch: SteppedBranch, path: BranchPath, states: FloatAr
 
 
 @lru_cache(maxsize=64)
-def _load_branch(plain: SteppedBranch) -> Callable[..., None] | None:
+def _load_branch(plain: joint_models.SteppedBranch) -> Callable[..., None] | None:
     """Return the compiled loop of a structure; None where this machine makes none."""
     compiler = locate_compiler()
     if compiler is None:
@@ -435,11 +425,11 @@ def _load_branch(plain: SteppedBranch) -> Callable[..., None] | None:
     return found
 
 
-def write_branch(plain: SteppedBranch) -> str:
+def write_branch(plain: joint_models.SteppedBranch) -> str:
     """Return the C of a structure's loop."""
     import casadi
 
-    step = build_branch_step(plain)
+    step = joint_models.build_branch_step(plain)
     generator = casadi.CodeGenerator("step")
     generator.add(step)
     return write_template(
@@ -454,43 +444,19 @@ def write_external(functions: "Functions", name: str) -> str:
     """
     known = {spec.name: spec for spec in functions.card.functions}
     spec, prefix = known[name], build_library_prefix(functions.card.robot)
-    # The statements that fill the blocks of the Jacobian, one an input, and the numbers they need.
-    n, count = spec.outputs[0].size, len(spec.inputs)
     blocks = known[f"{spec.name}_derivatives"].outputs
-    forward = len(blocks) > 3
-    places, work = [], 0
-    for port in blocks:
-        places.append(f"w + {work}")
-        work += port.size
-    given = [f"take(arg[{k}])" for k in range(count)]
-    matrices = places[1:] if forward else places
-    call = f"{prefix}_{spec.name}_derivatives({', '.join((*given, *places))})"
-    lines = [f"if ({call} != 0) {{", "    return 1;", "}"]
-    lines += [f"give(res[{k}], {place}, {n}, {n}, 1.0);" for k, place in enumerate(matrices)]
-    if count > 3:
-        # By the parameters: the regressor, of forward dynamics at the acceleration that was found.
-        columns, regressor = spec.inputs[3].size, f"w + {work}"
-        motion = [*given[:2], places[0] if forward else given[2]]
-        work += n * columns
-        call = f"{prefix}_torque_regressor({', '.join((*motion, regressor))})"
-        lines += ["if (res[3] != NULL) {", f"    if ({call} != 0) {{", "        return 1;", "    }"]
-        target = regressor
-        if forward:
-            target, inverse = f"w + {work}", places[3]
-            work += n * columns
-            lines += [
-                f"    for (int i = 0; i < {n}; ++i) {{",
-                f"        for (int j = 0; j < {columns}; ++j) {{",
-                "            double sum = 0.0;",
-                f"            for (int k = 0; k < {n}; ++k) {{",
-                f"                sum -= ({inverse})[{n} * i + k] * ({regressor})[{columns} * k + j];",
-                "            }",
-                f"            ({target})[{columns} * i + j] = sum;",
-                "        }",
-                "    }",
-            ]
-        lines += [f"    give(res[3], {target}, {n}, {columns}, 1.0);", "}"]
+    # Where the blocks of the Jacobian stand, one an input; forward dynamics has the acceleration before.
+    *starts, work = accumulate((port.size for port in blocks), initial=0)
+    places, forward = [f"w + {start}" for start in starts], len(blocks) > 3
+    given, regressors = [f"take(arg[{k}])" for k in range(len(spec.inputs))], []
     (output,) = spec.outputs
+    for port in spec.inputs[3:]:
+        # By the parameters: the regressor, of forward dynamics at the acceleration that was found.
+        values, room = f"w + {work}", output.size * port.size
+        work += (1 + forward) * room
+        block = {"columns": port.size, "rows": values, "target": f"w + {work - room}"}
+        call = ", ".join((*given[:2], places[0] if forward else given[2], values))
+        regressors.append({"call": call, "inverses": places[3:], **block})
 
     def describe(label: str, rows: int, columns: int) -> dict[str, str]:
         return {"name": f'"{label}"', "pattern": f"{{ {rows}, {columns}, 1 }}"}
@@ -507,9 +473,11 @@ def write_external(functions: "Functions", name: str) -> str:
             {"name": name, "inputs": inputs, "outputs": [value]},
             {"name": f"jac_{name}", "inputs": [*inputs, also], "outputs": outputs},
         ],
-        inputs=", ".join(f"take(arg[{k}])" for k in range(len(inputs))),
+        inputs=", ".join(given),
         size=output.size,
-        lines=lines,
+        derivatives=", ".join((*given, *places)),
+        matrices=places[1:] if forward else places,
+        regressors=regressors,
         longest=max(port.size for port in spec.inputs),
         work=max(work, output.size),
     )

@@ -125,8 +125,7 @@ def measure_code_sizes(folder: Path, prefix: str, names: Sequence[str]) -> dict[
         # makes that test and "NAME.part.0".
         own = [part for part in found.functions if f"{part}.".startswith((f"{symbol}.", "part_"))]
         code = sum(found.functions[part] for part in own)
-        frames: dict[str, int] | None = None
-        stack = None
+        stack = batch_stack = None
         with contextlib.suppress(OSError, ValueError, IndexError):
             # The compiler writes file:line:column:name, size and kind.
             lines = (folder / f"{symbol}.su").read_text(encoding="utf-8").splitlines()
@@ -134,15 +133,15 @@ def measure_code_sizes(folder: Path, prefix: str, names: Sequence[str]) -> dict[
             # The size of a frame without a bound means nothing.
             if not any("dynamic" in row[2] and "bounded" not in row[2] for row in rows):
                 frames = {row[0].rpartition(":")[2]: int(row[1]) for row in rows}
-        if frames is not None:
-            inside = [frame for name, frame in frames.items() if "part_" in name and symbol not in name]
-            stack = sum(frames.values()) - sum(inside) + max(inside, default=0)
+                inside = [frame for part, frame in frames.items() if "part_" in part and symbol not in part]
+                batch_stack = sum(frames.values()) - sum(inside) + max(inside, default=0)
+                stack = batch_stack - frames.get(f"{symbol}_batch", 0)
         sizes[name] = CodeSize(
             code=code,
             batch_code=sum(found.functions.values()) - code,
             constants=found.constants,
-            stack=None if stack is None or frames is None else stack - frames.get(f"{symbol}_batch", 0),
-            batch_stack=stack,
+            stack=stack,
+            batch_stack=batch_stack,
         )
     return sizes
 

@@ -108,38 +108,6 @@ def _make_samples(elasticity: joint_models.Elasticity, order: ElementCode) -> li
     return samples
 
 
-def _list_facts(
-    elasticity: joint_models.Elasticity, order: ElementCode, samples: Sequence[Mapping[str, float]]
-) -> dict[str, object]:
-    """Return what every template may ask for."""
-    prefix, inverse = build_library_prefix(order.name), joint_models.describe_inverse(elasticity)
-    values = joint_models.list_element_values(elasticity)
-    return {
-        "banner": _BANNER,
-        "version": __version__,
-        "prefix": prefix,
-        "macro": prefix.upper(),
-        "real": order.precision,
-        "size": len(joint_models.start_states(elasticity, 0.0)),
-        "timed": joint_models.needs_time(elasticity),
-        "energy": not (elasticity.cubic and elasticity.knees),
-        "passive": joint_models.is_passive_element(elasticity),
-        "inverse": "" if inverse else "closed" if joint_models.has_closed_inverse(elasticity) else "search",
-        "no_inverse": clean_text(inverse),
-        "fact_lines": [clean_text(line) for line in order.facts],
-        "value_lines": [clean_text(f"{name} = {value:.9g}") for name, value in values.items()],
-        "zero": write_literal(0.0, order.precision),
-        "one": write_literal(1.0, order.precision),
-        "samples": samples,
-        "sample_count": len(samples),
-        "output_scale": max(abs(sample["y"]) for sample in samples),
-        "energy_scale": max(abs(sample["stored"]) for sample in samples) or 1.0,
-        "input_scale": order.reach,
-        "tolerance": "2e-4" if order.precision == "float" else "1e-11",
-        "slope": 0.0 if inverse else joint_models.find_least_slope(elasticity),
-    }
-
-
 def _write_c(
     facts: dict[str, object],
     samples: Sequence[Sequence[float]],
@@ -274,8 +242,34 @@ def generate_springs(
 def build_sources(elasticity: joint_models.Elasticity, order: ElementCode) -> SourceSet:
     """Return the files of an element's code, and their manifest."""
     prefix, made = build_library_prefix(order.name), _make_samples(elasticity, order)
-    facts, programs = _list_facts(elasticity, order, made), _build_programs(elasticity)
-    samples = [tuple(sample.values()) for sample in made]
+    programs, samples = _build_programs(elasticity), [tuple(sample.values()) for sample in made]
+    inverse = joint_models.describe_inverse(elasticity)
+    values = joint_models.list_element_values(elasticity)
+    # What every template may ask for.
+    facts: dict[str, object] = {
+        "banner": _BANNER,
+        "version": __version__,
+        "prefix": prefix,
+        "macro": prefix.upper(),
+        "real": order.precision,
+        "size": len(joint_models.start_states(elasticity, 0.0)),
+        "timed": joint_models.needs_time(elasticity),
+        "energy": not (elasticity.cubic and elasticity.knees),
+        "passive": joint_models.is_passive_element(elasticity),
+        "inverse": "" if inverse else "closed" if joint_models.has_closed_inverse(elasticity) else "search",
+        "no_inverse": clean_text(inverse),
+        "fact_lines": [clean_text(line) for line in order.facts],
+        "value_lines": [clean_text(f"{name} = {value:.9g}") for name, value in values.items()],
+        "zero": write_literal(0.0, order.precision),
+        "one": write_literal(1.0, order.precision),
+        "samples": made,
+        "sample_count": len(made),
+        "output_scale": max(abs(sample["y"]) for sample in made),
+        "energy_scale": max(abs(sample["stored"]) for sample in made) or 1.0,
+        "input_scale": order.reach,
+        "tolerance": "2e-4" if order.precision == "float" else "1e-11",
+        "slope": 0.0 if inverse else joint_models.find_least_slope(elasticity),
+    }
     if order.target == "c":
         files = _write_c(facts, samples, programs, order)
     else:

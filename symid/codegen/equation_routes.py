@@ -94,12 +94,11 @@ class RouteWorkspace:
     def shift(self) -> "RouteWorkspace":
         """Return the same workspace with link origins moved along their joints' axes."""
         shifts = frame_choice.choose_origin_shifts(self.robot)
-        moved = dynamics.build_recursion(
-            frame_choice.shift_origins(self.robot, shifts), self.algebra, self.recursion.state
-        )
+        robot = frame_choice.shift_origins(self.robot, shifts)
+        moved = dynamics.build_recursion(robot, self.algebra, self.recursion.state)
         parameters = frame_choice.shift_parameters(self.algebra, self.parameters, shifts)
-        moved = replace(moved, meet=self.recursion.meet)
-        return replace(self, recursion=moved, parameters=parameters, built={})
+        recursion = replace(moved, meet=self.recursion.meet)
+        return replace(self, recursion=recursion, parameters=parameters, built={})
 
     def hold(self) -> "RouteWorkspace":
         """Return the same workspace with the last links in axes that do not turn with them."""
@@ -135,10 +134,8 @@ def check_symbols(robot: Robot) -> None:
     for joint in () if missing else robot.joints:
         longest = max(abs(length.to_float(values)) for length in joint.placement.translation)
         if longest > _LONGEST:
-            text = (
-                f"joint {joint.name!r}: a length of {longest:.3g} m; torques over more than {_LONGEST:g} m "
-            )
-            text += "cannot be computed in doubles. Lengths are in m: correct the file"
+            text = f"joint {joint.name!r}: a length of {longest:.3g} m; torques over more than "
+            text += f"{_LONGEST:g} m cannot be computed in doubles. Lengths are in m: correct the file"
             raise RobotError(Notice(code="robot.beyond-doubles", text=text, file=robot.path))
     if missing:
         text = f"code needs a value for the symbolic length {missing}: add it under [symbols], in m"
@@ -278,15 +275,6 @@ def build_articulated(workspace: RouteWorkspace) -> Outputs:
     return (newton_euler.compute_forward_dynamics(workspace.recursion, workspace.parameters, tau, invert),)
 
 
-def build_differentiated(
-    workspace: RouteWorkspace, route: RouteBuilder, by: Sequence[str], rest: RouteBuilder | None = None
-) -> Outputs:
-    """Differentiate what a route makes by the inputs `by`; `rest` makes what follows."""
-    (values,) = workspace.recall(route)
-    blocks = [workspace.differentiate(values, name) for name in by]
-    return (*map(workspace.flatten_columns, blocks), *(workspace.recall(rest) if rest else ()))
-
-
 def build_derivatives(workspace: RouteWorkspace) -> Outputs:
     """Build dtau/dq, dtau/ddq and M by composite bodies."""
     found = torque_derivatives.compute_torque_derivatives(workspace.recursion, workspace.parameters)
@@ -318,16 +306,16 @@ def build_second_derivatives(workspace: RouteWorkspace) -> Outputs:
 def build_forward_derivatives(workspace: RouteWorkspace) -> Outputs:
     """Build ddq and its derivatives by q, dq and tau (see above)."""
     robot, table, inputs = workspace.robot, workspace.algebra, workspace.inputs
-    terms = torque_derivatives.compute_equation_terms(workspace.recursion, workspace.parameters)
-    mass, coriolis = (dynamics.fold_matrix(robot, table, part) for part in (terms.mass, terms.twice_coriolis))
+    *terms, load = torque_derivatives.compute_equation_terms(workspace.recursion, workspace.parameters)
+    mass, coriolis = (dynamics.fold_matrix(robot, table, part) for part in terms)
     factors, halves = _Factors(table, mass), list(map(table.half, inputs["dq"]))
-    rest = zip(inputs["tau"], workspace.flatten_vector(terms.rest), coriolis, strict=True)
+    rest = zip(inputs["tau"], workspace.flatten_vector(load), coriolis, strict=True)
     forces = [_remove(table, table.add(tau, -load), zip(row, halves, strict=True)) for tau, load, row in rest]
     ddq = factors.solve(forces)
     state = replace(workspace.recursion.state, acceleration=workspace.spread(ddq))
     moving = replace(workspace.recursion, state=state)
-    found = torque_derivatives.compute_torque_derivatives(moving, workspace.parameters)
-    slopes, inverse = dynamics.fold_matrix(robot, table, found.by_position), factors.invert()
+    by_position, _, _ = torque_derivatives.compute_torque_derivatives(moving, workspace.parameters)
+    slopes, inverse = dynamics.fold_matrix(robot, table, by_position), factors.invert()
     products = [
         [
             [_remove(table, table.zero, zip(row, column, strict=True)) for row in inverse]

@@ -26,6 +26,8 @@ from symid.robot import Exact
 
 Terms = dict[tuple[int, ...], Any]
 """Coefficients of a polynomial, rational numbers of SymPy, by the powers of its letters."""
+_Angles = tuple[tuple[int, Expr], ...]
+"""The place of the sine of every angle among the letters, whose cosine follows it, and the angle."""
 PortValues = tuple[tuple[Expr, ...], ...]
 """The expressions of all elements, port by port."""
 KnownSquare = tuple[int, tuple[tuple[Mapping[int, int], int], ...]]
@@ -88,61 +90,6 @@ class ExactProgram:
     inputs: PortValues
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PolynomialGenerators:
-    """The generators of a program's polynomials: parameters, sines and cosines in pairs, then the others.
-
-    `places` has the generator of every element that is read, `turns` that of the sine of every angle, whose
-    cosine follows it, `lengths` those of symbolic lengths; sqrt(2) and sqrt(3) are the last two.
-    """
-
-    ring: PolyRing
-    parameters: int
-    places: Mapping[tuple[int, ...], int]
-    turns: Mapping[int, int]
-    lengths: Mapping[str, int]
-
-    @property
-    def squares(self) -> list[KnownSquare]:
-        """Return the generators whose square is known: s^2 = 1 - c^2, and those of roots."""
-        last = len(self.ring.gens) - 1
-        circles: list[KnownSquare] = [(sine, (({}, 1), ({sine + 1: 2}, -1))) for sine in self.turns.values()]
-        return [*circles, (last - 1, (({}, 2),)), (last, (({}, 3),))]
-
-    def convert(self, number: Exact) -> PolyElement:
-        """Return an exact number or linear form of symbolic lengths."""
-        two, three = self.ring.gens[-2:]
-        total = self.ring.zero
-        for name, surd in number.terms:
-            basis = (self.ring.one, two, three, two * three)
-            parts = (QQ(c.numerator, c.denominator) * root for c, root in zip(surd, basis, strict=True))
-            value = sum(parts, self.ring.zero)
-            total += value * self.ring.gens[self.lengths[name]] if name else value
-        return total
-
-
-def build_generators(source: ExactProgram) -> PolynomialGenerators:
-    """Return the generators of a program, as many as it needs."""
-    instructions, inputs = source.program.instructions, source.program.spec.inputs
-    read = [i.args for i in instructions if i.op is Op.INPUT and i.args[0] >= 0]
-    parameters = [key for key in read if inputs[key[0]].shared]
-    others = [key for key in read if not inputs[key[0]].shared]
-    angles = sorted({abs(i.args[0]) for i in instructions if i.op in _TRIGONOMETRIC})
-    lengths = sorted({name for number in source.numbers for name in number.symbols})
-    start = len(parameters)
-    behind = start + 2 * len(angles)
-    places = {key: place for place, key in enumerate(parameters)}
-    places |= {key: place for place, key in enumerate(others, start=behind)}
-    last = behind + len(others)
-    return PolynomialGenerators(
-        parameters=start,
-        ring=PolyRing([f"x{place}" for place in range(last + len(lengths) + 2)], QQ),
-        places=places,
-        turns={ref: start + 2 * place for place, ref in enumerate(angles)},
-        lengths={name: place for place, name in enumerate(lengths, start=last)},
-    )
-
-
 def _raise_powers(monomial: tuple[int, ...], changes: Mapping[int, int]) -> tuple[int, ...]:
     return tuple(power + changes.get(place, 0) for place, power in enumerate(monomial))
 
@@ -165,69 +112,10 @@ def _replace_squares(value: PolyElement, squares: Sequence[KnownSquare]) -> Poly
     return value.ring.from_dict(terms)
 
 
-def build_polynomials(source: ExactProgram, letters: PolynomialGenerators) -> list[PolyElement | None]:
-    """Return the polynomial of every value by its reference; None where it is long, or none at all."""
-    ring, squares, instructions = letters.ring, letters.squares, source.program.instructions
-    sizes, algebraic = count_expanded_values(instructions), mark_algebraic(instructions)
-    # The values whose polynomials are written, see `write_values`, or lead to others.
-    wanted = {abs(ref) for port in source.program.outputs for ref in port}
-    for number, one in zip(range(len(instructions), 0, -1), reversed(instructions), strict=True):
-        if one.op in SOURCE_OPS:
-            wanted.add(number)
-        elif not algebraic[number] or one.op in _TRIGONOMETRIC or number in wanted:
-            if sizes[number] <= _MOST_OPERATIONS or not algebraic[number]:
-                wanted.update(one.operands)
-            else:
-                wanted.discard(number)
-    values: list[PolyElement | None] = [ring.zero]
-
-    def compute(number: int, instruction: Instruction) -> PolyElement | None:
-        op, args = instruction.op, instruction.args
-        if number not in wanted:
-            return None
-        if op is Op.CONSTANT:
-            constant = Fraction(instruction.constant)
-            return ring.ground_new(QQ(constant.numerator, constant.denominator))
-        if op is Op.INPUT:
-            if args[0] == NUMBERS:
-                return letters.convert(source.numbers[args[1]])
-            return ring.gens[letters.places[args]]
-        pairs = [(ref, values[abs(ref)]) for ref in args]
-        known = [value if ref > 0 else -value for ref, value in pairs if value is not None]
-        if len(known) < len(args) or op not in _ALGEBRAIC:
-            return None
-        if op in _TRIGONOMETRIC:
-            return ring.gens[letters.turns[args[0]] + (op is Op.COS)]
-        left, right = known
-        if op is not Op.MUL:
-            result = left + right if op is Op.ADD else left - right
-        elif len(left) * len(right) > _MOST_PRODUCTS:
-            return None
-        else:
-            result = _replace_squares(left * right, squares)
-        return result if len(result) <= _MOST_TERMS else None
-
-    for number, instruction in enumerate(instructions, start=1):
-        values.append(compute(number, instruction))
-    return values
-
-
 def count_expanded_operations(program: Program) -> int:
     """Return the operations of all outputs together when no two of them share a value."""
     sizes = count_expanded_values(program.instructions)
     return sum(sizes[abs(ref)] for port in program.outputs for ref in port)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _GeneratorText:
-    """The expression of every generator, and the range of sines and cosines among them.
-
-    `angles` has the place of the sine of every angle, whose cosine follows, and the angle.
-    """
-
-    letters: tuple[Expr, ...]
-    bounds: tuple[int, int]
-    angles: tuple[tuple[int, Expr], ...]
 
 
 def _complete_squares(terms: Terms, turns: Iterable[int]) -> Terms:
@@ -241,25 +129,6 @@ def _complete_squares(terms: Terms, turns: Iterable[int]) -> Terms:
                 terms = {key: value for key, value in terms.items() if key not in (monomial, square)}
                 terms[other] = coefficient
     return terms
-
-
-def _take_out(terms: Terms) -> tuple[tuple[int, ...], Fraction, Terms]:
-    """Return the powers and the number that all terms share, and what is left of the terms."""
-    powers = tuple(map(min, zip(*terms, strict=True)))
-    numbers = [Fraction(int(value.numerator), int(value.denominator)) for value in terms.values()]
-    factor = Fraction(
-        math.gcd(*(number.numerator for number in numbers)),
-        math.lcm(*(number.denominator for number in numbers)),
-    )
-    factor = -factor if all(number < 0 for number in numbers) else factor
-    # (100 q + 79) / 250 reads worse than 2/5 q + 79/250.
-    if any(abs(number / factor) > _LARGE for number in numbers):
-        factor = Fraction(1)
-    rest = {
-        tuple(map(operator.sub, monomial, powers)): value / QQ(factor.numerator, factor.denominator)
-        for monomial, value in terms.items()
-    }
-    return powers, factor, rest
 
 
 def _join_angle_pair(terms: Terms, pair: tuple[int, int], sign: int, end: int) -> Terms | None:
@@ -292,30 +161,42 @@ def _join_angle_pair(terms: Terms, pair: tuple[int, int], sign: int, end: int) -
     return {**spread, **joined}
 
 
-def _join_angles(terms: Terms, text: _GeneratorText) -> tuple[Terms, _GeneratorText]:
-    """Return the terms with sines and cosines of sums of angles, where they are hidden in products."""
-    waiting = deque(itertools.combinations(text.angles, 2))
+def _join_angles(
+    terms: Terms, letters: tuple[Expr, ...], end: int, angles: _Angles
+) -> tuple[Terms, tuple[Expr, ...], int, _Angles]:
+    """Return the terms with sines and cosines of sums of angles, where they are hidden in products.
+
+    Beside them all letters, the end of the sines and cosines among them, and all angles.
+    """
+    waiting = deque(itertools.combinations(angles, 2))
     while waiting:
         first, second = waiting.popleft()
         for sign in (1, -1):
-            end = text.bounds[1]
             found = _join_angle_pair(terms, (first[0], second[0]), sign, end)
             if found is None:
                 continue
             angle = first[1] + sign * second[1]
-            new = (sympy.sin(angle), sympy.cos(angle))
-            others = (other for other in text.angles if other not in (first, second))
-            waiting.extend([((end, angle), other) for other in others])
-            letters = (*text.letters[:end], *new, *text.letters[end:])
-            angles = (*text.angles, (end, angle))
-            text = _GeneratorText(letters=letters, bounds=(text.bounds[0], end + 2), angles=angles)
-            terms = found
-    return terms, text
+            waiting.extend([((end, angle), other) for other in angles if other not in (first, second)])
+            letters = (*letters[:end], sympy.sin(angle), sympy.cos(angle), *letters[end:])
+            terms, angles, end = found, (*angles, (end, angle)), end + 2
+    return terms, letters, end, angles
 
 
 def _collect_factors(terms: Terms, letters: Sequence[Expr], bounds: Sequence[int]) -> list[Expr]:
     """Return factors of the sum, collected by the letters before the first bound, then the second one."""
-    powers, factor, rest = _take_out(terms)
+    # The powers and the number that all terms share.
+    powers = tuple(map(min, zip(*terms, strict=True)))
+    numbers = [Fraction(int(value.numerator), int(value.denominator)) for value in terms.values()]
+    divisor, multiple = (number.numerator for number in numbers), (number.denominator for number in numbers)
+    factor = Fraction(math.gcd(*divisor), math.lcm(*multiple))
+    factor = -factor if all(number < 0 for number in numbers) else factor
+    # (100 q + 79) / 250 reads worse than 2/5 q + 79/250.
+    if any(abs(number / factor) > _LARGE for number in numbers):
+        factor = Fraction(1)
+    rest = {
+        tuple(map(operator.sub, monomial, powers)): value / QQ(factor.numerator, factor.denominator)
+        for monomial, value in terms.items()
+    }
     outer = _list_powers(letters, powers)
     if len(rest) == 1:
         (last,) = rest.values()
@@ -341,24 +222,102 @@ def _to_rational(value: Any) -> Rational:  # noqa: ANN401  a Fraction or a numbe
 
 
 class _PolynomialWriter:
-    """Expressions of the short polynomials of one program."""
+    """The short polynomials of one program, by reference, and their expressions.
+
+    Generators of their ring are parameters, sines and cosines in pairs, other inputs, symbolic lengths,
+    sqrt(2) and sqrt(3). `places` has that of every element that is read, `turns` that of the sine of every
+    angle, whose cosine follows it, `lengths` those of symbolic lengths; `bounds` are the ends of parameters
+    and of cosines.
+    """
 
     def __init__(self, source: ExactProgram) -> None:
-        self.letters = build_generators(source)
-        self.sizes = count_expanded_values(source.program.instructions)
-        self.polynomials = build_polynomials(source, self.letters)
-        letters: list[Expr] = [Integer(1)] * len(self.letters.ring.gens)
+        self.source, instructions = source, source.program.instructions
+        inputs = source.program.spec.inputs
+        read = [i.args for i in instructions if i.op is Op.INPUT and i.args[0] >= 0]
+        parameters = [key for key in read if inputs[key[0]].shared]
+        others = [key for key in read if not inputs[key[0]].shared]
+        refs = sorted({abs(i.args[0]) for i in instructions if i.op in _TRIGONOMETRIC})
+        names = sorted({name for number in source.numbers for name in number.symbols})
+        start = len(parameters)
+        self.bounds = (start, start + 2 * len(refs))
+        self.places = {key: place for place, key in enumerate(parameters)}
+        self.places |= {key: place for place, key in enumerate(others, start=self.bounds[1])}
+        self.turns = {ref: start + 2 * place for place, ref in enumerate(refs)}
+        last = self.bounds[1] + len(others)
+        self.lengths = {name: place for place, name in enumerate(names, start=last)}
+        self.ring = PolyRing([f"x{place}" for place in range(last + len(names) + 2)], QQ)
+        self.sizes = count_expanded_values(instructions)
+        self.polynomials = self._build_polynomials()
+        letters: list[Expr] = [Integer(1)] * len(self.ring.gens)
         letters[-2:] = sympy.sqrt(2), sympy.sqrt(3)
-        for key, place in self.letters.places.items():
+        for key, place in self.places.items():
             letters[place] = source.inputs[key[0]][key[1]]
-        for name, place in self.letters.lengths.items():
+        for name, place in self.lengths.items():
             letters[place] = Symbol(name)
-        bounds = (self.letters.parameters, self.letters.parameters + 2 * len(self.letters.turns))
-        self.text = _GeneratorText(letters=tuple(letters), bounds=bounds, angles=())
-        angles = tuple((place, self.write(ref)) for ref, place in self.letters.turns.items())
+        self.letters, self.angles = tuple(letters), _Angles()
+        angles = tuple((place, self.write(ref)) for ref, place in self.turns.items())
         for place, angle in angles:
             letters[place : place + 2] = sympy.sin(angle), sympy.cos(angle)
-        self.text = _GeneratorText(letters=tuple(letters), bounds=bounds, angles=angles)
+        self.letters, self.angles = tuple(letters), angles
+
+    def _convert(self, number: Exact) -> PolyElement:
+        """Return an exact number or linear form of symbolic lengths."""
+        two, three = self.ring.gens[-2:]
+        total = self.ring.zero
+        for name, surd in number.terms:
+            basis = (self.ring.one, two, three, two * three)
+            parts = (QQ(c.numerator, c.denominator) * root for c, root in zip(surd, basis, strict=True))
+            value = sum(parts, self.ring.zero)
+            total += value * self.ring.gens[self.lengths[name]] if name else value
+        return total
+
+    def _build_polynomials(self) -> list[PolyElement | None]:
+        """Return the polynomial of every value by its reference; None where it is long, or none at all."""
+        ring, program = self.ring, self.source.program
+        instructions, algebraic = program.instructions, mark_algebraic(program.instructions)
+        # s^2 = 1 - c^2, and the squares of roots.
+        squares: list[KnownSquare] = [(k, (({}, 1), ({k + 1: 2}, -1))) for k in self.turns.values()]
+        squares += [(len(ring.gens) - 2, (({}, 2),)), (len(ring.gens) - 1, (({}, 3),))]
+        # The values whose polynomials are written, see `write_values`, or lead to others.
+        wanted = {abs(ref) for port in program.outputs for ref in port}
+        for number, one in zip(range(len(instructions), 0, -1), reversed(instructions), strict=True):
+            if one.op in SOURCE_OPS:
+                wanted.add(number)
+            elif not algebraic[number] or one.op in _TRIGONOMETRIC or number in wanted:
+                if self.sizes[number] <= _MOST_OPERATIONS or not algebraic[number]:
+                    wanted.update(one.operands)
+                else:
+                    wanted.discard(number)
+        values: list[PolyElement | None] = [ring.zero]
+
+        def compute(number: int, op: Op, args: tuple[int, ...], constant: float) -> PolyElement | None:
+            if number not in wanted:
+                return None
+            if op is Op.CONSTANT:
+                exact = Fraction(constant)
+                return ring.ground_new(QQ(exact.numerator, exact.denominator))
+            if op is Op.INPUT:
+                if args[0] == NUMBERS:
+                    return self._convert(self.source.numbers[args[1]])
+                return ring.gens[self.places[args]]
+            pairs = [(ref, values[abs(ref)]) for ref in args]
+            known = [value if ref > 0 else -value for ref, value in pairs if value is not None]
+            if len(known) < len(args) or op not in _ALGEBRAIC:
+                return None
+            if op in _TRIGONOMETRIC:
+                return ring.gens[self.turns[args[0]] + (op is Op.COS)]
+            left, right = known
+            if op is not Op.MUL:
+                result = left + right if op is Op.ADD else left - right
+            elif len(left) * len(right) > _MOST_PRODUCTS:
+                return None
+            else:
+                result = _replace_squares(left * right, squares)
+            return result if len(result) <= _MOST_TERMS else None
+
+        for number, one in enumerate(instructions, start=1):
+            values.append(compute(number, one.op, one.args, one.constant))
+        return values
 
     def has(self, ref: int) -> bool:
         """Return whether the value is a polynomial that is not longer than the operations that make it."""
@@ -370,9 +329,10 @@ class _PolynomialWriter:
         value = self.polynomials[abs(ref)]
         if not value:
             return Integer(0)
-        terms, text = _join_angles(dict((value if ref > 0 else -value).terms()), self.text)
-        terms = _complete_squares(terms, [place for place, _ in text.angles])
-        return Mul(*_collect_factors(terms, text.letters, text.bounds))
+        terms = dict((value if ref > 0 else -value).terms())
+        terms, letters, end, angles = _join_angles(terms, self.letters, self.bounds[1], self.angles)
+        terms = _complete_squares(terms, [place for place, _ in angles])
+        return Mul(*_collect_factors(terms, letters, (self.bounds[0], end)))
 
 
 def write_values(source: ExactProgram) -> PortValues:
@@ -413,7 +373,7 @@ def share_values(source: ExactProgram) -> tuple[tuple[tuple[Symbol, Expr], ...],
     uses = Counter(number for instruction in instructions for number in instruction.operands)
     uses.update(abs(ref) for port in outputs for ref in port)
     writer = _PolynomialWriter(source)
-    taken = {letter for letter in writer.text.letters if letter.is_Symbol}
+    taken = {letter for letter in writer.letters if letter.is_Symbol}
     names = sympy.numbered_symbols("x", exclude=taken)
     steps: list[tuple[Symbol, Expr]] = []
     values: list[Expr] = [Integer(0)]

@@ -19,19 +19,17 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import Enum
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
+from symid import dynamics
 from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
 from symid.joint_models import NO_FRICTION, Elasticity, FrictionValues, count_states, get_friction_law
 from symid.notation import get_unit
 from symid.robot import Coupling, Joint, JointKind, Mimic, Robot
 from symid.serialization import compute_signature
-
-if TYPE_CHECKING:
-    from symid.dynamics import BaseParameters
 
 FRICTION_INPUTS = {"position": "q", "load": "load", "temperature": "temperature"}
 """What laws read besides the velocity, and the input of functions that it is."""
@@ -537,7 +535,7 @@ def list_bristles(robot: Robot) -> tuple[tuple[int, int], ...]:
 
 
 def list_robot_specs(
-    robot: Robot, base: "BaseParameters", names: Collection[str] | None = None
+    robot: Robot, base: "dynamics.BaseParameters", names: Collection[str] | None = None
 ) -> tuple[FunctionSpec, ...]:
     """Return the catalogue for a robot and the base or standard parameters that its functions take.
 
@@ -593,12 +591,11 @@ def list_robot_specs(
     return tuple(spec for spec in specs if spec.name in wanted)
 
 
-def build_model_card(robot: Robot, base: "BaseParameters", specs: tuple[FunctionSpec, ...]) -> ModelCard:
+def build_model_card(
+    robot: Robot, base: "dynamics.BaseParameters", specs: tuple[FunctionSpec, ...]
+) -> ModelCard:
     """Return what users of the functions must know of the model."""
-    # Imported here: the rest of this module needs no SymPy.
-    from symid.dynamics import compute_parameter_values, get_label_unit, get_owner
-
-    values, numbered = compute_parameter_values(robot, base), list(enumerate(robot.joints, start=1))
+    values, numbered = dynamics.compute_parameter_values(robot, base), [*enumerate(robot.joints, start=1)]
 
     def describe_motion(follow: Mimic) -> tuple[str, str]:
         # The multiplier is a decimal where a short one is exact, else a quotient.
@@ -608,7 +605,7 @@ def build_model_card(robot: Robot, base: "BaseParameters", specs: tuple[Function
     def describe(
         name: str, expression: str, label: tuple[int, str], reason: str, value: float | None
     ) -> ParameterCard:
-        unit, joint = get_label_unit(robot, label), get_owner(robot, label)
+        unit, joint = dynamics.get_label_unit(robot, label), dynamics.get_owner(robot, label)
         return ParameterCard(name, expression, unit, reason, joint, value)
 
     beta, friction = (

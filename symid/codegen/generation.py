@@ -24,18 +24,10 @@ from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from pathlib import Path
 
+from symid.codegen import source_folder
 from symid.codegen.cache import compute_library_key, lock_folder
 from symid.codegen.compiler import STACK_FLAG, CodeSize, Compiler, locate_compiler, measure_code_sizes
 from symid.codegen.functions import Standard
-from symid.codegen.source_folder import (
-    MANIFEST,
-    SourceSet,
-    check_folder,
-    get_listed_digests,
-    is_unchanged,
-    read_manifest,
-    write_sources,
-)
 from symid.environment import make_scratch_folder
 from symid.errors import GenerationError, Notice
 from symid.options import GenerateOptions
@@ -79,7 +71,7 @@ def _compute_seal(manifest: Mapping[str, object]) -> str:
 
 def _read_unchanged(folder: Path, inputs: str) -> tuple[Mapping[str, object], BuildRecord] | None:
     """Return the manifest and the record of a folder that was made from `inputs` and is as it was then."""
-    manifest = read_manifest(folder)
+    manifest = source_folder.read_manifest(folder)
     found = None if manifest is None else manifest.get(_ENTRY)
     if manifest is None or not isinstance(found, dict):
         return None
@@ -91,8 +83,9 @@ def _read_unchanged(folder: Path, inputs: str) -> tuple[Mapping[str, object], Bu
     except (AttributeError, KeyError, TypeError):
         # It was edited.
         return None
-    same = record.inputs == inputs and seal == _compute_seal(manifest) and is_unchanged(folder, manifest)
-    return (manifest, record) if same else None
+    if record.inputs != inputs or seal != _compute_seal(manifest):
+        return None
+    return (manifest, record) if source_folder.is_unchanged(folder, manifest) else None
 
 
 @functools.cache
@@ -123,7 +116,7 @@ def choose_runner(target: str) -> tuple[Compiler | None, str]:
 
 
 def run_selftest(
-    sources: SourceSet, folder: Path, target: str, inputs: str, progress: Callable[[str], None]
+    sources: source_folder.SourceSet, folder: Path, target: str, inputs: str, progress: Callable[[str], None]
 ) -> BuildRecord:
     """Run the test of `sources`, which `folder` is to hold, in a folder of its own and return how it went.
 
@@ -146,7 +139,7 @@ def run_selftest(
 
     with make_scratch_folder() as scratch:
         copy = scratch / "code"
-        write_sources(sources, copy)
+        source_folder.write_sources(sources, copy)
         environment = {name: value for name, value in os.environ.items() if name not in _MAKE_VARIABLES}
 
         def run(command: list[str]) -> subprocess.CompletedProcess[str]:
@@ -207,7 +200,8 @@ class GeneratedFolder:
     @property
     def files(self) -> tuple[Path, ...]:
         """Return all files that symid wrote there."""
-        return tuple(self.folder / path for path in (*get_listed_digests(self.manifest), MANIFEST))
+        paths = (*source_folder.get_listed_digests(self.manifest), source_folder.MANIFEST)
+        return tuple(self.folder / path for path in paths)
 
     @property
     def operations(self) -> dict[str, dict[str, int]]:
@@ -239,13 +233,13 @@ def generate_folder(
     key = compute_library_key(robot, order.functions, compiler)
     inputs = compute_signature(key, replace(robot, path="", notices=()), order, runner)
 
-    def build() -> SourceSet:
+    def build() -> source_folder.SourceSet:
         # Imported here: where nothing has changed, neither CasADi nor SymPy is needed.
         from symid.codegen import python_targets as targets
         from symid.codegen.c_library import generate_c_library
         from symid.codegen.casadi_functions import build_functions
 
-        check_folder(folder)
+        source_folder.check_folder(folder)
         progress(f"deriving the functions of {robot.name}")
         kinds: dict[str, Standard] = {"base": False, "standard": True, "internal": "internal"}
         standard = kinds[order.parameters]
@@ -262,7 +256,7 @@ def generate_folder(
 
 
 def write_folder(
-    build: Callable[[], SourceSet],
+    build: Callable[[], source_folder.SourceSet],
     folder: Path,
     target: str,
     inputs: str,
@@ -281,12 +275,12 @@ def write_folder(
         unchanged = found is not None
         if found is None:
             sources = build()
-            check_folder(folder, sources, force=force)
+            source_folder.check_folder(folder, sources, force=force)
             record = run_selftest(sources, folder, target, inputs, progress)
             made = json.loads(sources.manifest)
             made[_ENTRY] = {**asdict(record), "seal": _compute_seal(made)}
             text = json.dumps(made, indent=1, sort_keys=True) + "\n"
-            write_sources(replace(sources, manifest=text), folder, force=force)
+            source_folder.write_sources(replace(sources, manifest=text), folder, force=force)
             found = json.loads(text), record
         manifest, record = found
     notices = []

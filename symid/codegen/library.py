@@ -21,7 +21,7 @@ import sys
 import sysconfig
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.machinery import ExtensionFileLoader, ModuleSpec
 from importlib.util import module_from_spec
 from itertools import combinations
@@ -32,13 +32,8 @@ from typing import TYPE_CHECKING, Any, cast, final
 import numpy as np
 
 from symid.arrays import FloatArray
+from symid.codegen import source_folder
 from symid.codegen.functions import FunctionSpec, ModelCard, Port, compute_build_digest
-from symid.codegen.source_folder import (
-    get_listed_digests,
-    is_unchanged,
-    list_interrupted_updates,
-    read_manifest,
-)
 from symid.environment import make_scratch_folder
 from symid.errors import GenerationError, InputError, Notice, UsageError
 from symid.serialization import read_record
@@ -261,23 +256,17 @@ def _open_copy(binary: Path, prefix: str, digest: str) -> Iterator[tuple[ctypes.
 
 
 @final
+@dataclass(eq=False)
 class Library:
     """The functions of a model card, computed by `engine`; `notices` say for example: no compiler.
 
     `tangents` returns torques (N, n, k) at q, dq and ddq per change of the last k that are searched.
     """
 
-    def __init__(
-        self,
-        card: ModelCard,
-        engine: "Engine",
-        notices: tuple[Notice, ...] = (),
-        tangents: Callable[[FloatArray, FloatArray, FloatArray], FloatArray] | None = None,
-    ) -> None:
-        self.card = card
-        self.engine = engine
-        self.notices = notices
-        self.tangents = tangents
+    card: ModelCard
+    engine: "Engine"
+    notices: tuple[Notice, ...] = ()
+    tangents: Callable[[FloatArray, FloatArray, FloatArray], FloatArray] | None = None
 
     @property
     def backend(self) -> str:
@@ -310,14 +299,14 @@ class Library:
             raise UsageError(Notice(code="usage.threads", text=text))
         spec = get_spec(self.card, name)
         samples, arrays = check_inputs(self.card, spec, inputs)
-        kept = None if out is None else check_outputs(self.card, spec, samples, out)
-        given = tuple(
-            array.copy() if any(np.may_share_memory(array, output) for output in kept or ()) else array
-            for array in arrays
-        )
-        if isinstance(self.engine, _CompiledEngine):
-            return self.engine.run(spec, samples, given, kept, threads)
-        return self.engine.run(spec, samples, given, kept)
+        if out is None:
+            outputs = tuple(allocate_output(port, samples, np.float64) for port in spec.outputs)
+        else:
+            outputs = check_outputs(self.card, spec, samples, out)
+            shared = [any(np.may_share_memory(array, output) for output in outputs) for array in arrays]
+            arrays = tuple(a.copy() if is_shared else a for a, is_shared in zip(arrays, shared, strict=True))
+        self.engine.run(spec, samples, arrays, outputs, threads)
+        return outputs
 
     def bind(self, name: str, *, out: Sequence[FloatArray] | None = None) -> Call:
         """Return function `name` for one sample at a time, with little overhead.
@@ -336,16 +325,6 @@ class Library:
         spec = get_spec(self.card, name)
         kept = None if out is None else check_outputs(self.card, spec, None, out)
         return self.engine.bind(self.card, spec, kept)
-
-
-def _keep_outputs(outputs: Arrays, kept: Arrays | None) -> Arrays:
-    """Return `outputs` as doubles, written to the arrays `kept` of a caller if there are any."""
-    if kept is None:
-        return tuple(np.asarray(output, dtype=np.float64) for output in outputs)
-    for target, output in zip(kept, outputs, strict=True):
-        if target is not output:
-            target[...] = output
-    return kept
 
 
 def _check_status(name: str, status: int) -> None:
@@ -385,16 +364,15 @@ class _CompiledEngine:
         return symbol
 
     def run(
-        self, spec: FunctionSpec, samples: int | None, given: Arrays, kept: Arrays | None, threads: int = 1
-    ) -> Arrays:
+        self, spec: FunctionSpec, samples: int | None, given: Arrays, outputs: Arrays, threads: int
+    ) -> None:
         arrays = [np.asarray(array, dtype=self._dtype) for array in given]
-        outputs = kept if self._dtype is np.float64 else None
-        if outputs is None:
-            outputs = tuple(allocate_output(port, samples, self._dtype) for port in spec.outputs)
+        rounded = self._dtype is np.float32
+        computed = tuple(np.empty_like(one, dtype=self._dtype) for one in outputs) if rounded else outputs
         # Where each array begins, and how far its next sample is.
         places = [
             (array.ctypes.data, 0 if port.shared else port.size * array.itemsize)
-            for port, array in zip((*spec.inputs, *spec.outputs), (*arrays, *outputs), strict=True)
+            for port, array in zip((*spec.inputs, *spec.outputs), (*arrays, *computed), strict=True)
         ]
         call, count = self._get_symbol(f"{spec.name}_batch"), 1 if samples is None else samples
 
@@ -417,7 +395,8 @@ class _CompiledEngine:
         else:
             statuses = [run_piece(0, count)]
         _check_status(spec.name, max(statuses))
-        return _keep_outputs(outputs, kept)
+        for output, values in zip(outputs, computed, strict=True) if rounded else ():
+            output[...] = values
 
     def bind(self, card: ModelCard, spec: FunctionSpec, kept: Arrays | None) -> Call:
         slow = redirect_outputs(card, spec, self.bind_slowly(card, spec), kept)
@@ -450,29 +429,26 @@ class _CompiledEngine:
 
 
 @final
+@dataclass(frozen=True, slots=True, eq=False)
 class _PythonEngine:
     """Functions of a generated NumPy module; large batches go through in pieces, to save memory."""
 
+    module: ModuleType
     backend = "python"
     addresses = None
-
-    def __init__(self, module: ModuleType) -> None:
-        self.module = module
 
     def _call(self, name: str, inputs: Arrays) -> Arrays:
         result = getattr(self.module, name)(*inputs)
         return result if isinstance(result, tuple) else (result,)
 
-    def run(self, spec: FunctionSpec, samples: int | None, given: Arrays, kept: Arrays | None) -> Arrays:
-        if samples is None or samples <= _NUMPY_CHUNK:
-            return _keep_outputs(self._call(spec.name, given), kept)
-        outputs = kept or tuple(allocate_output(port, samples, np.float64) for port in spec.outputs)
-        for start in range(0, samples, _NUMPY_CHUNK):
-            piece = slice(start, start + _NUMPY_CHUNK)
+    def run(
+        self, spec: FunctionSpec, samples: int | None, given: Arrays, outputs: Arrays, _threads: int
+    ) -> None:
+        for start in range(0, 1 if samples is None else samples, _NUMPY_CHUNK):
+            piece = ... if samples is None else slice(start, start + _NUMPY_CHUNK)
             inputs = tuple(a if p.shared else a[piece] for p, a in zip(spec.inputs, given, strict=True))
             for output, values in zip(outputs, self._call(spec.name, inputs), strict=True):
                 output[piece] = values
-        return outputs
 
     def bind(self, card: ModelCard, spec: FunctionSpec, kept: Arrays | None) -> Call:
         return redirect_outputs(
@@ -519,30 +495,31 @@ class _MappedFunction:
 
 
 @final
+@dataclass(frozen=True, slots=True, eq=False)
 class _CasadiEngine:
-    """Functions of CasADi by name: of the compiled library `addresses`, or of its virtual machine."""
+    """Functions of CasADi by name: of the compiled library `addresses`, or of its virtual machine.
 
+    `spare` is memory of finished calls, by function and samples. A call has its own: other threads may call.
+    """
+
+    functions: "Mapping[str, ca.Function]"
+    addresses: ctypes.CDLL | None = None
+    spare: dict[tuple[str, int], list[_MappedFunction]] = field(default_factory=dict)
     backend = "casadi"
 
-    def __init__(self, functions: "Mapping[str, ca.Function]", addresses: ctypes.CDLL | None = None) -> None:
-        self.addresses = addresses
-        self._functions = functions
-        # Memory of finished calls, by function and samples. A call has its own: other threads may call.
-        self.spare: dict[tuple[str, int], list[_MappedFunction]] = {}
-
-    def run(self, spec: FunctionSpec, samples: int | None, given: Arrays, kept: Arrays | None) -> Arrays:
-        found = kept or tuple(allocate_output(port, samples, np.float64) for port in spec.outputs)
-        outputs = found if samples is not None else tuple(output[None] for output in found)
+    def run(
+        self, spec: FunctionSpec, samples: int | None, given: Arrays, outputs: Arrays, _threads: int
+    ) -> None:
         if samples is None:
             given = tuple(a if port.shared else a[None] for port, a in zip(spec.inputs, given, strict=True))
-            samples = 1
+            outputs, samples = tuple(output[None] for output in outputs), 1
         # A power of two at least as large: few sizes of rooms, whatever the sizes of batches.
         size = min(_CASADI_CHUNK, 1 << max(0, samples - 1).bit_length())
         spare = self.spare.setdefault((spec.name, size), [])
         try:
             room = spare.pop()
         except IndexError:
-            room = _MappedFunction(self._functions[spec.name], spec, size)
+            room = _MappedFunction(self.functions[spec.name], spec, size)
         ports = list(zip(spec.inputs, room.inputs, given, strict=True))
         for port, target, array in ports:
             if port.shared:
@@ -558,10 +535,9 @@ class _CasadiEngine:
             for output, values in zip(outputs, room.outputs, strict=True):
                 output[piece] = values[:count]
         spare.append(room)
-        return found
 
     def bind(self, card: ModelCard, spec: FunctionSpec, kept: Arrays | None) -> Call:
-        room = _MappedFunction(self._functions[spec.name], spec, 1)
+        room = _MappedFunction(self.functions[spec.name], spec, 1)
         targets, results = tuple(view[0] for view in room.inputs), tuple(view[0] for view in room.outputs)
 
         def call(*values: FloatArray) -> Arrays:
@@ -577,8 +553,8 @@ Engine = _CompiledEngine | _PythonEngine | _CasadiEngine
 """What computes functions; inputs were checked before, and share no memory with outputs.
 
 `backend` is "c", "python" or "casadi"; `addresses` the shared library in which the functions stand in double
-precision, if there is one. `run` computes a batch, or one sample where `samples` is None, into the arrays
-`kept` if there are any; `bind` returns a function of one sample, see `Library.bind`.
+precision, if there is one. `run` computes a batch, or one sample where `samples` is None, into `outputs`;
+`bind` returns a function of one sample, see `Library.bind`.
 """
 
 
@@ -598,9 +574,9 @@ def load_library(folder: Path) -> Library:
     """
     # An update takes less than a second; a folder of one that was interrupted stays.
     end = time.monotonic() + _UPDATE_PATIENCE
-    while list_interrupted_updates(folder) and time.monotonic() < end:
+    while source_folder.list_interrupted_updates(folder) and time.monotonic() < end:
         time.sleep(_UPDATE_LOOK)
-    manifest = read_manifest(folder)
+    manifest = source_folder.read_manifest(folder)
     if manifest is None:
         text = "holds no library of symid: there is no manifest.json that it wrote"
         raise _refuse_place(folder, "usage.no-library", text)
@@ -609,7 +585,7 @@ def load_library(folder: Path) -> Library:
     except InputError as error:
         text = f"the manifest holds no model card ({error}); generate the folder again"
         raise _refuse_place(folder, "usage.broken-manifest", text) from error
-    if list_interrupted_updates(folder):
+    if source_folder.list_interrupted_updates(folder):
         raise _refuse_place(folder, "usage.interrupted-update", _INTERRUPTED)
     prefix, precision, target = (manifest.get(key) for key in ("prefix", "precision", "target"))
     if not isinstance(prefix, str) or not isinstance(precision, str):
@@ -617,7 +593,7 @@ def load_library(folder: Path) -> Library:
         raise _refuse_place(folder, "usage.broken-manifest", text)
     binary = folder / (f"lib{prefix}_casadi.so" if target == "casadi" else f"lib{prefix}.so")
     if target != "python" and binary.is_file():
-        files = get_listed_digests(manifest)
+        files = source_folder.get_listed_digests(manifest)
         digest = compute_build_digest(card, prefix=prefix, precision=precision, files=files)
         if target != "casadi":
             engine = _CompiledEngine(binary, prefix=prefix, precision=precision, digest=digest)
@@ -651,6 +627,6 @@ def load_library(folder: Path) -> Library:
         text = f"has no {binary.name}; run `make shared` in it"
         raise _refuse_place(folder, "usage.not-compiled", text)
     # The files were read one by one: they must belong together.
-    if not is_unchanged(folder, manifest):
+    if not source_folder.is_unchanged(folder, manifest):
         raise _refuse_place(folder, "usage.interrupted-update", _INTERRUPTED)
     return library

@@ -158,19 +158,11 @@ def _print_registers(program: Program, call: _NameOp, index: Callable[[Port, int
     return statements
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GroupedAngles:
-    """Angles whose sines and cosines are computed together.
+def group_angles(program: Program) -> tuple[dict[int, int], list[int]]:
+    """Return the angles whose sines and cosines are computed together, and the instructions they come from.
 
-    `places` maps the reference of an angle to its place; `before` numbers the instructions they come from.
+    An angle is a place by its reference; it comes from inputs without a sine or cosine on the way.
     """
-
-    places: dict[int, int]
-    before: tuple[int, ...]
-
-
-def group_angles(program: Program) -> GroupedAngles:
-    """Return the angles of a program that come from its inputs without a sine or cosine on the way."""
     found: list[bool] = [False]
     sources: list[frozenset[int]] = [frozenset()]
     places: dict[int, int] = {}
@@ -189,8 +181,7 @@ def group_angles(program: Program) -> GroupedAngles:
         return (0, *instruction.args, ref) if instruction.op is Op.INPUT else (1, abs(ref), ref)
 
     places = {ref: place for place, ref in enumerate(sorted(places, key=compute_rank))}
-    before = sorted(set().union(*(sources[abs(ref)] for ref in places)))
-    return GroupedAngles(places=places, before=tuple(before))
+    return places, sorted(set().union(*(sources[abs(ref)] for ref in places)))
 
 
 def _measure(lines: Sequence[str]) -> int:
@@ -204,7 +195,8 @@ class _CPrinter:
 
     program: Program
     kind: str
-    angles: GroupedAngles
+    angles: Mapping[int, int]
+    before: Sequence[int]
     write_constant: Callable[[float], str]
     write_input: Callable[[int, int], str]
     call: _NameOp
@@ -233,11 +225,11 @@ class _CPrinter:
                 self.names[number] = self.write_constant(instruction.constant)
             elif instruction.op is Op.INPUT:
                 self.names[number] = self.write_input(*instruction.args)
-        for number in self.angles.before:
+        for number in self.before:
             yield from self._print_instruction(number)
-        if not self.angles.places:
+        if not self.angles:
             return
-        texts = [self.read(ref) for ref in self.angles.places]
+        texts = [self.read(ref) for ref in self.angles]
         if self.kind == "lanes":
             size = room = str(len(texts))
             listed = ", ".join(texts)
@@ -265,7 +257,7 @@ class _CPrinter:
         parts = [list(self._print_beginning())]
         for number, one in enumerate(self.program.instructions, start=1):
             # The arrays of sines and cosines are known to the first part alone.
-            if one.op in _TRIGONOMETRY and one.args[0] in self.angles.places:
+            if one.op in _TRIGONOMETRY and one.args[0] in self.angles:
                 parts[0] += self._print_instruction(number)
         slots: dict[int, int] = {}
         free: list[int] = []
@@ -293,7 +285,7 @@ class _CPrinter:
         instruction = self.program.instructions[number - 1]
         if instruction.op in _WITHOUT_STATEMENT:
             return
-        place = self.angles.places.get(instruction.args[0])
+        place = self.angles.get(instruction.args[0])
         if instruction.op not in _TRIGONOMETRY or place is None:
             text = _write_instruction(instruction, self.read, self.call)
         else:
@@ -306,10 +298,12 @@ class _CPrinter:
 def print_c(program: Program, precision: str, *, together: bool = False) -> FunctionBody:
     """Return a C function's body over arrays named as ports; `together`: sines at once, by `find_sines`."""
     spec, suffix = program.spec, "f" if precision == "float" else ""
+    angles, before = group_angles(program) if together else ({}, [])
     printer = _CPrinter(
         program,
         precision,
-        group_angles(program) if together else GroupedAngles(places={}, before=()),
+        angles,
+        before,
         lambda value: write_literal(value, precision),
         lambda port, element: f"{spec.inputs[port].name}[{element}]",
         lambda op: op.value if op in _HELPER_OPS else _C_NAMES.get(op, op.value) + suffix,
@@ -376,10 +370,10 @@ def print_simd(program: Program, precision: str) -> FunctionBody:
 
     A streamed output Y stands at `Y_to`, which is Y + size k or a block of its own.
     """
-    angles = group_angles(program)
+    angles, before = group_angles(program)
     sides = {instruction.op for instruction in program.instructions}
     trigonometry = [i for i in program.instructions if i.op in _TRIGONOMETRY]
-    if not sides <= _SIMD_OPS or any(i.args[0] not in angles.places for i in trigonometry):
+    if not sides <= _SIMD_OPS or any(i.args[0] not in angles for i in trigonometry):
         return FunctionBody(statements=())
     inputs, outputs = program.spec.inputs, program.spec.outputs
     streamed = list_streamed(program.spec)
@@ -402,7 +396,7 @@ def print_simd(program: Program, precision: str) -> FunctionBody:
         places = (write_place(port, first + k) for k in range(len(texts)))
         return " ".join(f"store_one({at}, {port.size}, {x});" for at, x in zip(places, texts, strict=True))
 
-    printer = _CPrinter(program, "lanes", angles, write_constant, write_input, lambda op: op.value)
+    printer = _CPrinter(program, "lanes", angles, before, write_constant, write_input, lambda op: op.value)
     for port, refs in zip(outputs, program.outputs, strict=True):
         for first in range(0, port.size, _GROUP_SIZE):
             printer.promise(refs[first : first + _GROUP_SIZE], partial(write_store, port, first))

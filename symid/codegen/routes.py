@@ -306,51 +306,41 @@ def _emit_hysteresis(workspace: RouteWorkspace, given: str, memory: str) -> Outp
     return (tuple(found for found, _ in steps), *((after,) if after else ()))
 
 
-def _invert_torque(
-    algebra: programs.ExpressionTable,
-    spring: joint_models.SpringTerms[int],
-    torques: tuple[int, int, int],
-    memory: Sequence[int],
-) -> tuple[int, int, int, Sequence[int]]:
-    """Return torsion, its two rates and the plays after the step, from a torque and its two rates."""
-    torque, rate, second = torques
-    inverse = joint_models.invert_spring(algebra, spring)
-    plays, above, below = inverse
-    value, after = joint_models.advance_inverse_spring(algebra, inverse, torque, memory)
-    before, outer = joint_models.compute_outer_function(algebra, torque, above, below), algebra.one
-    beyond = [(slope, algebra.apply(programs.Op.LESS, threshold, torque)) for threshold, slope in above]
-    beyond += [(slope, algebra.apply(programs.Op.LESS, torque, threshold)) for threshold, slope in below]
-    for slope, active in beyond:
-        outer = algebra.add(outer, algebra.mul(slope, active))
-    total = plays.weights[0]
-    signs = ((algebra.zero, rate), (rate, algebra.zero))
-    rising, falling = (algebra.apply(programs.Op.LESS, *pair) for pair in signs)
-    for weight, threshold, play in zip(plays.weights[1:], plays.thresholds, memory, strict=True):
-        # A play at its edge moves with the torque only while that goes on beyond the edge.
-        up = algebra.apply(programs.Op.LESS_EQUAL, play, algebra.sub(before, threshold))
-        down = algebra.apply(programs.Op.LESS_EQUAL, algebra.add(before, threshold), play)
-        moves = algebra.add(algebra.mul(up, rising), algebra.mul(down, falling))
-        total = algebra.add(total, algebra.mul(weight, moves))
-    compliance = algebra.mul(total, outer)
-    return value, algebra.mul(compliance, rate), algebra.mul(compliance, second), after
-
-
 def _emit_feed_forward(workspace: RouteWorkspace, torques: RouteBuilder) -> Outputs:
     """Return the torques of the motors, with those of the links from another route."""
     algebra, inputs = workspace.algebra, workspace.inputs
-    springs = _list_springs(workspace, "Q")
     seeds: dict[int, int] = {}
-    for name, rate in itertools.pairwise(("q", "dq", "ddq", "dddq", "ddddq")):
-        seeds |= dict(zip(inputs[name], inputs[rate], strict=True))
+    for name, rate_name in itertools.pairwise(("q", "dq", "ddq", "dddq", "ddddq")):
+        seeds |= dict(zip(inputs[name], inputs[rate_name], strict=True))
     (values,) = workspace.recall(torques)
     (rates,) = programs.differentiate_along(algebra, values, [seeds])
     (seconds,) = programs.differentiate_along(algebra, rates, [seeds])
-    found = list(zip(values, rates, seconds, strict=True))
-    torsions = [
-        _invert_torque(algebra, spring, torque, plays)
-        for (spring, plays), torque in zip(springs, found, strict=True)
-    ]
-    turned, turning, bending, plays_after = zip(*torsions, strict=True)
+    turned, turning, bending, after = list[int](), list[int](), list[int](), list[int]()
+    springs = zip(_list_springs(workspace, "Q"), values, rates, seconds, strict=True)
+    for (spring, memory), torque, rate, second in springs:
+        # Torsion, its two rates and the plays after the step, from a torque and its two rates.
+        inverse = joint_models.invert_spring(algebra, spring)
+        plays, above, below = inverse
+        value, moved = joint_models.advance_inverse_spring(algebra, inverse, torque, memory)
+        before, outer = joint_models.compute_outer_function(algebra, torque, above, below), algebra.one
+        beyond = [(slope, algebra.apply(programs.Op.LESS, threshold, torque)) for threshold, slope in above]
+        beyond += [(slope, algebra.apply(programs.Op.LESS, torque, threshold)) for threshold, slope in below]
+        for slope, active in beyond:
+            outer = algebra.add(outer, algebra.mul(slope, active))
+        total = plays.weights[0]
+        signs = ((algebra.zero, rate), (rate, algebra.zero))
+        rising, falling = (algebra.apply(programs.Op.LESS, *pair) for pair in signs)
+        for weight, threshold, play in zip(plays.weights[1:], plays.thresholds, memory, strict=True):
+            # A play at its edge moves with the torque only while that goes on beyond the edge.
+            up = algebra.apply(programs.Op.LESS_EQUAL, play, algebra.sub(before, threshold))
+            down = algebra.apply(programs.Op.LESS_EQUAL, algebra.add(before, threshold), play)
+            moves = algebra.add(algebra.mul(up, rising), algebra.mul(down, falling))
+            total = algebra.add(total, algebra.mul(weight, moves))
+        compliance = algebra.mul(total, outer)
+        turned.append(value)
+        turning.append(algebra.mul(compliance, rate))
+        bending.append(algebra.mul(compliance, second))
+        after += moved
     theta = tuple(map(algebra.add, inputs["q"], turned))
     dtheta = tuple(map(algebra.add, inputs["dq"], turning))
     motion = {"dq": dtheta, "q": theta, "load": tuple(values)}
@@ -359,8 +349,7 @@ def _emit_feed_forward(workspace: RouteWorkspace, torques: RouteBuilder) -> Outp
     for k, bent in enumerate(bending):
         inertial = algebra.mul(inputs["IA"][k], algebra.add(inputs["ddq"][k], bent))
         motors.append(algebra.add(algebra.add(inertial, friction[k]), values[k]))
-    after = tuple(itertools.chain(*plays_after))
-    return (tuple(motors), theta, dtheta, *((after,) if after else ()))
+    return (tuple(motors), theta, dtheta, *((tuple(after),) if after else ()))
 
 
 _BODIES = "composite bodies"
@@ -390,7 +379,14 @@ _TORQUE_ROUTES: Routes = {
 
 
 def _differentiate(route: RouteBuilder, *by: str, rest: RouteBuilder | None = None) -> RouteBuilder:
-    return partial(equation_routes.build_differentiated, route=route, by=by, rest=rest)
+    """Return the builder of the derivatives of what a route makes by the inputs `by`, then of `rest`."""
+
+    def build(workspace: RouteWorkspace) -> Outputs:
+        (values,) = workspace.recall(route)
+        blocks = [workspace.differentiate(values, name) for name in by]
+        return (*map(workspace.flatten_columns, blocks), *(workspace.recall(rest) if rest else ()))
+
+    return build
 
 
 def _list_composite_routes(build: RouteBuilder) -> Routes:

@@ -245,12 +245,10 @@ def derive_symbolic(
                 return _write_index(letter, *filter(None, (match["place"],)), match["number"])
         return write_name_latex(symbol)
 
-    if standard or base is None:
-        base = (
-            build_standard_parameters(robot, internal=standard == "internal")
-            if standard
-            else derive_base_parameters(robot)
-        )
+    if standard:
+        base = build_standard_parameters(robot, internal=standard == "internal")
+    elif base is None:
+        base = derive_base_parameters(robot)
     (spec,) = functions.list_robot_specs(robot, base, (name,))
     known, own = [port.name for port in spec.inputs], symbols or {}
     for wrong in (key for key in own if key not in known):

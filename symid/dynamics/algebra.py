@@ -65,7 +65,8 @@ class Algebra(Protocol[T]):
 
     def dot(self, left: Vector[T], right: Vector[T]) -> T:
         """Return the scalar product."""
-        return self.sum_values(list(map(self.mul, left, right)))
+        x, y, z = map(self.mul, left, right)
+        return self.add(self.add(x, y), z)
 
     def cross(self, left: Vector[T], right: Vector[T]) -> Vector[T]:
         """Return left x right."""

@@ -25,7 +25,7 @@ from symid.dynamics.algebra import Label
 from symid.dynamics.bodies import DRIVE_PARAMETERS, list_drive_parameters
 from symid.dynamics.explanations import explain_elimination, explain_grouping, write_combination, write_label
 from symid.dynamics.friction_effects import list_friction_parameters
-from symid.dynamics.observable_subspace import ObservableSubspace, derive_observable_subspace
+from symid.dynamics.observable_subspace import derive_observable_subspace
 from symid.errors import Notice, RobotError
 from symid.joint_models import list_value_names
 from symid.notation import INERTIAL
@@ -105,14 +105,6 @@ def _label_parameters(robot: Robot) -> tuple[Label, ...]:
     return (*labels, *list_friction_parameters(robot))
 
 
-def _list_angular_components(shown: ObservableSubspace, label: Label) -> tuple[tuple[int, ...], ...]:
-    """Return which components of the angular velocity each attainable velocity of the link holds."""
-    if label[0] >= len(shown.visible):
-        return ()
-    rows = shown.visible[label[0]].velocities
-    return tuple(tuple(sorted(column for column in row if column < 3)) for row in rows)
-
-
 def build_standard_parameters(robot: Robot, *, internal: bool = False) -> BaseParameters:
     """Return all parameters, each for itself: K is the unit matrix, and some of them show nowhere.
 
@@ -171,7 +163,9 @@ def derive_base_parameters(robot: Robot, *, form: str = "torque") -> BaseParamet
     eliminated = []
     for label in labels:
         if label not in kept:
-            angular = _list_angular_components(shown, label)
+            # Which components of the angular velocity each attainable velocity of the link holds.
+            rows = shown.visible[label[0]].velocities if label[0] < robot.size else ()
+            angular = [tuple(sorted(column for column in row if column < 3)) for row in rows]
             reason = explain_elimination(robot, label, groups[label], angular, form)
             name = write_label(robot, label)
             eliminated.append(EliminatedParameter(name=name, label=label, reason=reason))

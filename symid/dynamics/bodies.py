@@ -20,7 +20,6 @@ Not supported: articulated bodies of joints that share a coordinate or a drive.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from itertools import product
 
 from symid.dynamics.algebra import Algebra, Label, Matrix, T, Vector, transpose
@@ -32,6 +31,7 @@ from symid.dynamics.recursion import (
     Wrench,
     add_wrenches,
     build_axis_screws,
+    lift_placement,
     project_wrench,
     rotate_to_parent,
     transform_screw,
@@ -142,29 +142,29 @@ def add_drive_inertias(recursion: Recursion[T], matrix: list[list[T]], parameter
 
 def gather_body(algebra: Algebra[T], parameters: Parameters[T], link: int) -> Body[T]:
     """Return inertia tensor, first moments and mass of a link."""
-
-    def take(name: str) -> T:
-        return parameters.get((link, name), algebra.zero)
-
-    xy, xz, yz = take("XY"), take("XZ"), take("YZ")
-    tensor = ((take("XX"), xy, xz), (xy, take("YY"), yz), (xz, yz, take("ZZ")))
-    return tensor, (take("MX"), take("MY"), take("MZ")), take("M")
+    entries = [parameters.get((link, name), algebra.zero) for name in INERTIAL]
+    xx, xy, xz, yy, yz, zz, mx, my, mz, mass = entries
+    return ((xx, xy, xz), (xy, yy, yz), (xz, yz, zz)), (mx, my, mz), mass
 
 
 def move_from_stated_frames(robot: Robot, algebra: Algebra[T], stated: Parameters[T]) -> Parameters[T]:
     """Return link parameters about the link frames from those about the frames of the robot file."""
-    moved, constant = dict(stated), algebra.constant
+    moved = dict(stated)
     for link in range(robot.size):
         place = robot.get_stated_frame(link)
         if place == IDENTITY or not any((link, name) in stated for name in INERTIAL):
             continue
-        rows = (*place.rotation, place.translation)
-        a, b, c, origin = ((constant(x), constant(y), constant(z)) for x, y, z in rows)
-        frame = LinkFrame(fixed=(a, b, c), turn=None, origin=origin, revolute=False)
-        tensor, moments, mass = transform_body(algebra, frame, gather_body(algebra, stated, link))
-        entries = (*(tensor[i][j] for i in range(3) for j in range(i, 3)), *moments, mass)
-        moved |= {(link, name): entry for name, entry in zip(INERTIAL, entries, strict=True)}
+        fixed, origin = lift_placement(place, algebra)
+        frame = LinkFrame(fixed=fixed, turn=None, origin=origin, revolute=False)
+        body = transform_body(algebra, frame, gather_body(algebra, stated, link))
+        moved |= {(link, name): entry for name, entry in zip(INERTIAL, list_entries(body), strict=True)}
     return moved
+
+
+def list_entries(body: Body[T]) -> tuple[T, ...]:
+    """Return the ten parameters of a body in their order, see `INERTIAL`."""
+    (xx, xy, xz), (_, yy, yz), (_, _, zz) = body[0]
+    return (xx, xy, xz, yy, yz, zz, *body[1], body[2])
 
 
 def build_unit_body(algebra: Algebra[T], name: str) -> Body[T]:
@@ -279,18 +279,13 @@ def add_bodies(algebra: Algebra[T], left: Body[T], right: Body[T]) -> Body[T]:
 def compute_mass_matrix(recursion: Recursion[T], parameters: Parameters[T]) -> tuple[tuple[T, ...], ...]:
     """Return the mass matrix, rotor inertias included (composite bodies, Walker and Orin 1982)."""
     robot, algebra, frames = recursion.robot, recursion.algebra, recursion.frames
-    zero = algebra.zero
-    screws = transform_screws(recursion, build_axis_screws(recursion))
-    matrix = [[zero] * robot.size for _ in range(robot.size)]
+    axes = build_axis_screws(recursion)
+    screws = transform_screws(recursion, axes)
+    matrix = [[algebra.zero] * robot.size for _ in range(robot.size)]
     bodies = [gather_body(algebra, parameters, link) for link in range(robot.size)]
     for joint in reversed(range(robot.size)):
-        tensor, (mx, my, _), mass = bodies[joint]
-        if frames[joint].revolute:
-            column = (tensor[0][2], tensor[1][2], tensor[2][2])
-            wrench = Wrench(force=(algebra.neg(my), mx, zero), moment=column)
-        else:
-            wrench = Wrench(force=(zero, zero, mass), moment=(my, algebra.neg(mx), zero))
-        entries = project_wrench(recursion, joint, wrench, screws)
+        momentum = compute_momentum(algebra, bodies[joint], axes[joint])
+        entries = project_wrench(recursion, joint, momentum, screws)
         for other in range(joint + 1):
             matrix[joint][other] = matrix[other][joint] = entries[other]
         parent = robot.joints[joint].parent
@@ -394,15 +389,13 @@ def solve_articulated_bodies(
     motions: list[Screw[T]] = []
     found = []
     none = (zero, zero, zero)
-    for one, (start, answer), frame in zip(robot.joints, reversed(answers), frames, strict=True):
+    steps = zip(robot.joints, reversed(answers), frames, build_axis_screws(recursion), strict=True)
+    for one, (start, answer), frame, unit in steps:
         before = motions[one.parent] if one.parent >= 0 else Screw(angular=none, linear=none)
         screw = transform_screw(algebra, frame, before)
         shares = map(algebra.mul, answer, (*screw.angular, *screw.linear))
         found.append(algebra.sub(start, algebra.sum_values(shares)))
-        own = (algebra.zero, algebra.zero, found[-1])
-        if frame.revolute:
-            screw = replace(screw, angular=algebra.add_vectors(screw.angular, own))
-        else:
-            screw = replace(screw, linear=algebra.add_vectors(screw.linear, own))
-        motions.append(screw)
+        angular = algebra.add_vectors(screw.angular, algebra.scale_vector(found[-1], unit.angular))
+        linear = algebra.add_vectors(screw.linear, algebra.scale_vector(found[-1], unit.linear))
+        motions.append(Screw(angular=angular, linear=linear))
     return tuple(found)

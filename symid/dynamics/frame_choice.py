@@ -19,12 +19,12 @@ import numpy as np
 
 from symid.arrays import FloatArray
 from symid.dynamics.algebra import Algebra, T
-from symid.dynamics.bodies import Parameters, gather_body, rotate_tensor_about_z
-from symid.dynamics.recursion import Recursion, compute_motions
+from symid.dynamics.bodies import Parameters, gather_body, list_entries, transform_body
+from symid.dynamics.recursion import Recursion, compute_motions, lift_placement
 from symid.dynamics.regressors import evaluate_torque_regressor
 from symid.errors import Notice
 from symid.notation import INERTIAL
-from symid.robot import DEFAULT_SNAP, ONE, ZERO, Exact, Joint, JointKind, Robot
+from symid.robot import DEFAULT_SNAP, IDENTITY, ONE, ZERO, Exact, Joint, JointKind, Robot
 
 _ROUNDING_CODES = frozenset({"robot.angle-snapped", "robot.axis-snapped"})
 _ROUNDED_TURN = "robot.angle-rounded"
@@ -124,16 +124,14 @@ def fix_last_link_axes(recursion: Recursion[T], old: Parameters[T]) -> tuple[Rec
     robot, algebra = recursion.robot, recursion.algebra
     parents = {joint.parent for joint in robot.joints}
     frames, turned = list(recursion.frames), dict(old)
+    axes, origin = lift_placement(IDENTITY, algebra)
     for link, (joint, frame) in enumerate(zip(robot.joints, recursion.frames, strict=True)):
         if link not in parents and joint.parent >= 0 and frame.turn is not None:
             frames[link] = replace(frame, turn=None)
-            tensor, (x, y, _), _ = gather_body(algebra, old, link)
-            (xx, xy, xz), (_, yy, yz), _ = rotate_tensor_about_z(algebra, frame.turn, tensor)
-            c, s = frame.turn
-            values = {"XX": xx, "XY": xy, "XZ": xz, "YY": yy, "YZ": yz}
-            values["MX"] = algebra.sub(algebra.mul(c, x), algebra.mul(s, y))
-            values["MY"] = algebra.add(algebra.mul(s, x), algebra.mul(c, y))
-            turned |= {(link, name): value for name, value in values.items()}
+            # As its parent sees it that stands in the same place, at q = 0.
+            place = replace(frame, fixed=axes, origin=origin)
+            body = transform_body(algebra, place, gather_body(algebra, old, link))
+            turned |= {(link, name): entry for name, entry in zip(INERTIAL, list_entries(body), strict=True)}
     held = tuple(frames)
     motions = compute_motions(robot, algebra, held, recursion.state.velocity)
     return replace(recursion, frames=held, motions=motions), turned
@@ -179,21 +177,16 @@ def choose_reading(read: Callable[..., Robot]) -> Robot:
     change = float(np.max(differences[largest > 0.0] / largest[largest > 0.0], initial=0.0))
     price = f"torques by at most {change:.1e} of each joint's largest" if change else "no torque"
     remedy = f"--snap {DEFAULT_SNAP:g}" if coarse else "--snap 0"
-    if stable:
-        code = "robot.rounding-price"
-        text = (
-            f"rounding the angles changes {price}, and not the number of base parameters ({counts[1]}); "
-            f"{remedy} takes the angles as written"
-        )
-    else:
-        code = "robot.rounding-assumed"
+    code, text = "robot.rounding-price", f"rounding the angles changes {price}, and not the number of base "
+    text += f"parameters ({counts[1]}); {remedy} takes the angles as written"
+    if not stable:
         hung = f"{counts[0]} base parameters in place of {counts[1]}"
         hung = hung if counts[0] != counts[1] else f"some of the {counts[1]} base parameters"
-        text = (
-            f"angles near multiples of pi/2 were taken as these multiples: as written, {hung} would hinge on "
-            f"the last digits of the file. This changes {price}; if the angles are meant as written, use "
-            f"{remedy}"
+        code, text = "robot.rounding-assumed", "angles near multiples of pi/2 were taken as these multiples: "
+        text += (
+            f"as written, {hung} would hinge on the last digits of the file. This changes {price}; if the "
         )
+        text += f"angles are meant as written, use {remedy}"
     note = Notice(code=code, text=text, file=rounded.path)
     return replace(rounded, notices=(*rounded.notices, note))
 

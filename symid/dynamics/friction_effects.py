@@ -19,16 +19,7 @@ from functools import cache
 from itertools import product
 from typing import NamedTuple, TypeVar
 
-from symid.joint_models import (
-    Carrier,
-    FrictionLaw,
-    FrictionValues,
-    OperatorCarrier,
-    get_friction_law,
-    get_law,
-    list_value_names,
-    name_shape,
-)
+from symid import joint_models
 from symid.robot import Coupling, Joint, JointKind, Robot
 
 V = TypeVar("V")
@@ -40,7 +31,7 @@ Speed = Sequence[tuple[int, Fraction]]
 Parts = tuple[Fraction, Fraction, Fraction, Fraction]
 
 _PLAIN_LAWS = ("coulomb-viscous-offset", "asymmetric")
-_EXACT: OperatorCarrier[Fraction] = OperatorCarrier(
+_EXACT: joint_models.OperatorCarrier[Fraction] = joint_models.OperatorCarrier(
     zero=Fraction(0),
     one=Fraction(1),
     scale=lambda factor, value: Fraction(factor) * value,
@@ -49,19 +40,19 @@ _EXACT: OperatorCarrier[Fraction] = OperatorCarrier(
 
 
 def compute_friction_columns(
-    friction: FrictionValues, carrier: Carrier[V], inputs: Mapping[str, V]
+    friction: joint_models.FrictionValues, carrier: joint_models.Carrier[V], inputs: Mapping[str, V]
 ) -> tuple[V, ...]:
     """Return one column per linear parameter of a joint's friction, whose shape values are known.
 
     `inputs`: velocity (rad/s or m/s) and the other inputs of the law.
     """
-    law = get_friction_law(friction)
+    law = joint_models.get_friction_law(friction)
     if law is None:
         return ()
     return law.columns(carrier, inputs, [carrier.scale(value, carrier.one) for value in friction.shape])
 
 
-def get_friction(robot: Robot, index: int) -> FrictionValues:
+def get_friction(robot: Robot, index: int) -> joint_models.FrictionValues:
     """Return the friction of a joint, or of a coupling (numbered behind the joints)."""
     owners: tuple[Joint | Coupling, ...] = (*robot.joints, *robot.couplings)
     return owners[index].friction
@@ -69,15 +60,16 @@ def get_friction(robot: Robot, index: int) -> FrictionValues:
 
 def list_friction_parameters(robot: Robot) -> tuple[tuple[int, str], ...]:
     """Return the labels of all friction parameters: joints first, then couplings."""
-    indices = range(robot.size + len(robot.couplings))
-    return tuple((index, name) for index in indices for name in list_value_names(get_friction(robot, index)))
+    owners: tuple[Joint | Coupling, ...] = (*robot.joints, *robot.couplings)
+    names = ((k, joint_models.list_value_names(owner.friction)) for k, owner in enumerate(owners))
+    return tuple((index, name) for index, found in names for name in found)
 
 
 @cache
 def _compute_linear_parts() -> dict[str, Parts]:
     """Return, for each plain parameter, the multiples of w, |w|, sign(w) and one in its column."""
     result = {}
-    for law in map(get_law, _PLAIN_LAWS):
+    for law in map(joint_models.get_law, _PLAIN_LAWS):
         at = {w: law.columns(_EXACT, {"velocity": Fraction(w)}, ()) for w in (-2, -1, 1, 2)}
         for k, entry in enumerate(law.linear):
             odd = [(at[w][k] - at[-w][k]) / 2 for w in (1, 2)]
@@ -88,18 +80,18 @@ def _compute_linear_parts() -> dict[str, Parts]:
 
 
 def _get_linear_parts(robot: Robot, label: Label) -> Parts:
-    law = get_friction_law(get_friction(robot, label[0]))
+    law = joint_models.get_friction_law(get_friction(robot, label[0]))
     if law is None or label[1] in law.own:
         return (Fraction(0),) * 4
     # The constant torque of the improved laws.
     parts = _compute_linear_parts()["offset" if label[1] == "Fp" else label[1]]
-    named = name_shape(get_friction(robot, label[0]))
+    named = joint_models.name_shape(get_friction(robot, label[0]))
     # A curve whose origin is shifted has dq - dq0 in place of dq.
     return (*parts[:3], -Fraction(named["dqs"])) if "dqs" in named and label[1] == "Fv" else parts
 
 
 def _describe_curve(
-    law: FrictionLaw, friction: FrictionValues, name: str, scale: Fraction
+    law: joint_models.FrictionLaw, friction: joint_models.FrictionValues, name: str, scale: Fraction
 ) -> tuple[Function, Fraction]:
     """Return which odd function of w a column at the speed scale w is, and how many times."""
     size, sign = abs(scale), Fraction(1 if scale > 0 else -1)
@@ -141,10 +133,10 @@ def _describe_curve(
 
 
 def _list_curved_shares(
-    friction: FrictionValues, name: str, transmission: Speed, direction: Speed, scale: Fraction
+    friction: joint_models.FrictionValues, name: str, transmission: Speed, direction: Speed, scale: Fraction
 ) -> list[tuple[Function, Fraction]]:
     """Return the functions of the speeds that a curved column consists of; a cube is expanded."""
-    law = get_friction_law(friction)
+    law = joint_models.get_friction_law(friction)
     if law is None or name not in law.own:
         return []
     if name != "Fvc":
@@ -177,7 +169,7 @@ def compute_position_torques(robot: Robot) -> dict[Label, PositionTorque]:
     for label in list_friction_parameters(robot):
         if constant := _get_linear_parts(robot, label)[3]:
             found[label] = PositionTorque(constant)
-        law = get_friction_law(get_friction(robot, label[0]))
+        law = joint_models.get_friction_law(get_friction(robot, label[0]))
         for wave in () if law is None else law.waves:
             if wave.name == label[1] and not wave.dry and _balances_weight(robot, label[0], wave.frequency):
                 found[label] = PositionTorque(Fraction(1), wave.frequency, wave.sine)

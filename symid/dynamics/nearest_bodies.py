@@ -399,23 +399,6 @@ def optimise_bodies(
     return replace(state, iterations=spent)
 
 
-def _compute_exact_step(problem: BodyProblem, state: NearestBodies, lacking: FloatArray) -> list[_Step]:
-    """Return the shortest step that changes the rows by `lacking` (m,), and Newton's that keeps them."""
-    links = len(state.factors)
-    roots = np.sqrt(problem.shares)
-    roots = np.concatenate([np.repeat(roots[:links], 10), roots[links:], np.ones(len(state.others))])
-    slopes = _compute_slopes(problem, state, np.ones(len(state.others))) / roots
-    aim = -roots * np.append(_compute_pull(state), state.others)
-    lengths = np.linalg.norm(slopes, axis=1)
-    basis, triangle = np.linalg.qr((slopes / lengths[:, None]).T)
-    along = basis @ np.linalg.solve(triangle.T, lacking / lengths)
-    inner = aim - basis @ (basis.T @ aim)
-    return [
-        _split_step(state, moved / roots, np.zeros(0), float(moved @ moved), float(np.abs(moved).max()))
-        for moved in (along, inner)
-    ]
-
-
 def solve_body_equations(problem: BodyProblem) -> NearestBodies | None:
     """Return the bodies nearest to those expected whose rows have their targets; None where there are none.
 
@@ -425,9 +408,23 @@ def solve_body_equations(problem: BodyProblem) -> NearestBodies | None:
     problem = replace(problem, weight=1.0, loose=1.0, middle=np.zeros_like(problem.middle), bounded=0)
     state = build_expected_bodies(problem)
     weights, least, reached, last = (1.0, 1.0), float(problem.shares.min()), False, np.inf
+    links, free = len(state.factors), np.ones(len(state.others))
+    roots = np.sqrt(problem.shares)
+    roots = np.concatenate([np.repeat(roots[:links], 10), roots[links:], free])
     for count in range(_LIMIT):
         lacking = -compute_errors(problem, state)
-        along, inner = _compute_exact_step(problem, state, lacking)
+        slopes = _compute_slopes(problem, state, free) / roots
+        aim = -roots * np.append(_compute_pull(state), state.others)
+        lengths = np.linalg.norm(slopes, axis=1)
+        basis, triangle = np.linalg.qr((slopes / lengths[:, None]).T)
+        # The shortest step that changes the rows by what they lack, and Newton's that keeps them.
+        along, inner = (
+            _split_step(state, moved / roots, np.zeros(0), float(moved @ moved), float(np.abs(moved).max()))
+            for moved in (
+                basis @ np.linalg.solve(triangle.T, lacking / lengths),
+                aim - basis @ (basis.T @ aim),
+            )
+        )
         if not np.isfinite(inner.promise + along.promise):
             break
         if inner.promise > _NEAR**2 * least:
@@ -446,8 +443,8 @@ def solve_body_equations(problem: BodyProblem) -> NearestBodies | None:
         else:
             # Steps that gain no more need not have arrived: rows that nearly contradict each other. The sizes
             # of what a row adds up bound its rounding; |Q_ab| <= sqrt(Q_aa Q_bb), which does not vanish.
-            roots = np.sqrt(np.sum(state.factors**2, axis=2))
-            sizes = np.einsum("mnab,na,nb->m", np.abs(problem.blocks), roots, roots)
+            edges = np.sqrt(np.sum(state.factors**2, axis=2))
+            sizes = np.einsum("mnab,na,nb->m", np.abs(problem.blocks), edges, edges)
             sizes += np.abs(problem.positive) @ state.positive + np.abs(problem.others) @ np.abs(state.others)
             if not np.all(np.abs(lacking) <= _REACHED * (sizes + np.abs(problem.target))):
                 break

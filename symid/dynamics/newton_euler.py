@@ -212,11 +212,8 @@ def compute_link_wrenches(
     recursion: Recursion[T], parameters: Parameters[T], spins: Sequence[AccelerationTensor[T]]
 ) -> list[Wrench[T]]:
     """Return the wrench that moves each link."""
-    algebra = recursion.algebra
-    return [
-        compute_link_wrench(algebra, gather_body(algebra, parameters, link), spin)
-        for link, spin in enumerate(spins)
-    ]
+    bodies = (gather_body(recursion.algebra, parameters, link) for link in range(recursion.robot.size))
+    return [compute_link_wrench(recursion.algebra, *pair) for pair in zip(bodies, spins, strict=True)]
 
 
 def compute_tensor_torques(

@@ -15,7 +15,7 @@ torque, or the part of it that comes from gravity alone, or the momentum alone.
 Not supported: symbolic lengths next to angles of 30 or 45 degrees where three joints share a coordinate.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import lru_cache
@@ -26,7 +26,7 @@ from sympy.polys.rings import PolyElement
 
 from symid.dynamics import exact_algebra
 from symid.dynamics.algebra import Label, build_state
-from symid.dynamics.bodies import transform_body
+from symid.dynamics.bodies import build_unit_body, list_entries, transform_body
 from symid.dynamics.exact_algebra import BasisFunction, Number, Row, TrigonometricBasis, build_power_function
 from symid.dynamics.friction_effects import PositionTorque, build_friction_rows, compute_position_torques
 from symid.dynamics.recursion import LinkMotion, Recursion, build_frames, compute_motions, fold_vector
@@ -60,24 +60,11 @@ class Block:
     couplings: tuple[int, ...]
 
 
-def _list_connected_joints(robot: Robot, joints: frozenset[int]) -> frozenset[int]:
-    """Return the joints of the smallest connected piece of the tree that holds `joints`."""
-    paths = []
-    for joint in sorted(joints):
-        path = [joint]
-        while robot.joints[path[0]].parent >= 0:
-            path.insert(0, robot.joints[path[0]].parent)
-        paths.append(path)
-    shortest = min(len(path) for path in paths)
-    shared = 0
-    # The link before the block carries all of them and is not one of them.
-    while shared < shortest - 1 and all(path[shared] == paths[0][shared] for path in paths):
-        shared += 1
-    return frozenset(joint for path in paths for joint in path[shared:])
-
-
 def split_into_blocks(robot: Robot) -> tuple[Block, ...]:
     """Return the blocks of the robot; the block of a link comes before those it carries."""
+    paths: list[list[int]] = []
+    for index, joint in enumerate(robot.joints):
+        paths.append([*(paths[joint.parent] if joint.parent >= 0 else ()), index])
     # Joints that belong together, single ones first.
     ties = [
         frozenset((index,) if joint.mimic is None else (index, joint.mimic.master))
@@ -88,7 +75,11 @@ def split_into_blocks(robot: Robot) -> tuple[Block, ...]:
     while len(merged) != len(groups):
         groups, merged = merged or ties, []
         for joints in groups:
-            whole = _list_connected_joints(robot, joints)
+            # The smallest connected piece of the tree; the link before, which carries all, is none of it.
+            ways = [paths[joint] for joint in joints]
+            shared = next((k for k, level in enumerate(zip(*ways, strict=False)) if len({*level}) > 1), None)
+            start = min(map(len, ways)) - 1 if shared is None else shared
+            whole = frozenset(joint for way in ways for joint in way[start:])
             touching = [other for other in merged if other & whole]
             merged = [*(other for other in merged if not other & whole), whole.union(*touching)]
     blocks = []
@@ -160,21 +151,6 @@ def _split(basis: TrigonometricBasis, table: Sequence[Sequence[PolyElement]]) ->
     return {function: tuple(parts[function]) for function in sorted(parts)}
 
 
-def _lift_parameters(
-    single: Robot, algebra: exact_algebra.ExactAlgebra, recursion: Recursion[PolyElement], link: int
-) -> Iterator[tuple[PolyElement, ...]]:
-    """Return, for each unit parameter of a link, the ten parameters about the link before the block."""
-    for unit in range(len(INERTIAL)):
-        p = [algebra.one if k == unit else algebra.zero for k in range(len(INERTIAL))]
-        tensor = ((p[0], p[1], p[2]), (p[1], p[3], p[4]), (p[2], p[4], p[5]))
-        body, joint = (tensor, (p[6], p[7], p[8]), p[9]), link
-        while joint >= 0:
-            body = transform_body(algebra, recursion.frames[joint], body)
-            joint = single.joints[joint].parent
-        (xx, xy, xz), (_, yy, yz), (_, _, zz) = body[0]
-        yield (xx, xy, xz, yy, yz, zz, *body[1], body[2])
-
-
 @lru_cache(maxsize=256)
 def derive_transport(single: Robot, domain: Domain, field: Domain) -> Transport:
     """Return the transport across the joints of a block, `single`; its numbers are of `domain` in `field`.
@@ -206,11 +182,19 @@ def derive_transport(single: Robot, domain: Domain, field: Domain) -> Transport:
         folded = [fold_vector(single, algebra, columns[key]) for key in keys]
         momenta.append(list(zip(*folded, strict=True)))
 
+    def lift(link: int, name: str) -> tuple[PolyElement, ...]:
+        """Return the ten parameters about the link before the block for a unit parameter of a link."""
+        body = build_unit_body(algebra, name)
+        while link >= 0:
+            body = transform_body(algebra, frames[link], body)
+            link = single.joints[link].parent
+        return list_entries(body)
+
     def list_velocities(link: int, *moved: Recursion[PolyElement]) -> list[tuple[PolyElement, ...]]:
         motions = [recursion.motions[link] for recursion in moved]
         return [(*motion.angular, *motion.linear) for motion in motions]
 
-    parameters = [zip(*_lift_parameters(single, algebra, turning, link), strict=True) for link in links]
+    parameters = [zip(*(lift(link, name) for name in INERTIAL), strict=True) for link in links]
     return Transport(
         parameters=tuple(_split(basis, list(table)) for table in parameters),
         velocities=tuple(_split(basis, list_velocities(link, *carried)) for link in links),
@@ -256,15 +240,6 @@ def _add_row(target: Family, function: BasisFunction, row: Mapping[int, Number])
     total = target.setdefault(function, {})
     for column, value in row.items():
         total[column] = total[column] + value if column in total else value
-
-
-def _list_momenta(transport: Transport, velocities: Sequence[Row]) -> list[Family]:
-    """Return the momentum along each coordinate for each velocity of the link before."""
-    return [
-        {function: row for function, matrix in momenta.items() if (row := multiply_row(velocity, matrix))}
-        for momenta in transport.momenta
-        for velocity in velocities
-    ]
 
 
 def _carry(row: Row, transport: Transport) -> Family:
@@ -341,8 +316,15 @@ def derive_block(
     """
     columns = number_columns(block, robot, tuple(torques))
     springs, rotors = _build_drive_rows(robot, block, transport, columns, torques)
-    own, carried = (_list_momenta(transport, rates) for rates in ([_OWN], parent.velocities))
-    own, carried = ([], []) if form == "gravity" else (own, carried)
+    # The momentum along each coordinate for each velocity, its own and those of the link before.
+    own, carried = (
+        [
+            {function: row for function, matrix in momenta.items() if (row := multiply_row(velocity, matrix))}
+            for momenta in (() if form == "gravity" else transport.momenta)
+            for velocity in velocities
+        ]
+        for velocities in ([_OWN], parent.velocities)
+    )
     weight = {} if form == "momentum" else _merge_families(_carry(parent.steady, transport), springs)
     turning = [_merge_families(*pair) for pair in zip(own, rotors, strict=False)]
     rows = [row for family in (*turning, *carried) for row in family.values()]

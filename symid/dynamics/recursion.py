@@ -72,7 +72,7 @@ class FramePose(Generic[T]):
     origin: Vector[T]
 
 
-def _lift_placement(placement: Placement, algebra: Algebra[T]) -> tuple[Matrix[T], Vector[T]]:
+def lift_placement(placement: Placement, algebra: Algebra[T]) -> tuple[Matrix[T], Vector[T]]:
     """Return rotation and translation of a placement in the carrier."""
     lifted: list[Vector[T]] = []
     for row in (*placement.rotation, placement.translation):
@@ -86,7 +86,7 @@ def build_frames(robot: Robot, algebra: Algebra[T], state: RobotState[T]) -> tup
     """Return every link frame relative to its parent's."""
     frames = []
     for index, joint in enumerate(robot.joints):
-        fixed, (x, y, z) = _lift_placement(joint.placement, algebra)
+        fixed, (x, y, z) = lift_placement(joint.placement, algebra)
         revolute = joint.kind is JointKind.REVOLUTE
         if not revolute:
             along = (algebra.mul(row[2], state.position[index]) for row in fixed)
@@ -176,7 +176,7 @@ def compute_link_poses(recursion: Recursion[T]) -> tuple[FramePose[T], ...]:
     algebra = recursion.algebra
     result = []
     for joint, pose in zip(recursion.robot.joints, compute_poses(recursion), strict=True):
-        turn, start = _lift_placement(joint.frame, algebra)
+        turn, start = lift_placement(joint.frame, algebra)
         origin = algebra.add_vectors(pose.origin, algebra.apply_matrix(pose.rotation, start))
         result.append(FramePose(rotation=algebra.multiply_matrices(pose.rotation, turn), origin=origin))
     return tuple(result)
@@ -245,16 +245,11 @@ def build_axis_screws(recursion: Recursion[T]) -> tuple[Screw[T], ...]:
 
 def compute_screw_rates(recursion: Recursion[T]) -> tuple[Screw[T], ...]:
     """Return v x z, the change of velocities by the coordinate: (w x z, v x z), for slides (0, w x z)."""
-    algebra = recursion.algebra
-    zero = algebra.zero
-    none, axis = (zero, zero, zero), (zero, zero, algebra.one)
-    result = []
-    for frame, motion in zip(recursion.frames, recursion.motions, strict=True):
-        turned = algebra.cross(motion.angular, axis)
-        if frame.revolute:
-            result.append(Screw(angular=turned, linear=algebra.cross(motion.linear, axis)))
-        else:
-            result.append(Screw(angular=none, linear=turned))
+    cross, result = recursion.algebra.cross, []
+    for axis, motion in zip(build_axis_screws(recursion), recursion.motions, strict=True):
+        turned, moved = cross(motion.linear, axis.angular), cross(motion.angular, axis.linear)
+        linear = recursion.algebra.add_vectors(turned, moved)
+        result.append(Screw(angular=cross(motion.angular, axis.angular), linear=linear))
     return tuple(result)
 
 
@@ -265,7 +260,7 @@ def transform_screw(algebra: Algebra[T], frame: LinkFrame[T], screw: Screw[T]) -
     return Screw(angular=angular, linear=rotate_to_link(algebra, frame, moved))
 
 
-def transform_screws(recursion: Recursion[T], own: tuple[Screw[T], ...]) -> Screws[T]:
+def transform_screws(recursion: Recursion[T], own: Sequence[Screw[T]]) -> Screws[T]:
     """Return screws, one a joint, in the frames of links beyond: z_j = R' z_p;  v_j = R' (v_p + z_p x r)."""
     algebra, robot = recursion.algebra, recursion.robot
     found: dict[tuple[int, int], Screw[T]] = {(joint, joint): screw for joint, screw in enumerate(own)}

@@ -63,22 +63,6 @@ from symid.dynamics.recursion import (
 )
 
 
-class TorqueDerivatives(NamedTuple, Generic[T]):
-    """dtau/dq (N m/rad), dtau/ddq (N m s/rad) and dtau/dddq (kg m^2), a row and a column a joint."""
-
-    by_position: Rows[T]
-    by_velocity: Rows[T]
-    by_acceleration: Rows[T]
-
-
-class EquationTerms(NamedTuple, Generic[T]):
-    """What the equations of motion hold of the position and the velocity: M, 2 C, and the torques at rest."""
-
-    mass: Rows[T]
-    twice_coriolis: Rows[T]
-    rest: tuple[T, ...]
-
-
 class _Composite(NamedTuple, Generic[T]):
     """A composite body in its link's frame: inertia, and `factor` times K and P (see above)."""
 
@@ -123,11 +107,6 @@ def _build_composite(
     return _Composite(body=body, turning=_shift_turning(algebra, spin, v, body[1]), momentum=momentum)
 
 
-def _double(algebra: Algebra[T], screw: Screw[T]) -> Screw[T]:
-    a, b = screw.angular, screw.linear
-    return Screw(angular=algebra.add_vectors(a, a), linear=algebra.add_vectors(b, b))
-
-
 def _turn_momentum(algebra: Algebra[T], part: _Composite[T], screw: Screw[T]) -> Wrench[T]:
     """Return B S, times the factor of `part`."""
     moment = algebra.apply_matrix(part.turning, screw.angular)
@@ -150,15 +129,12 @@ class _Sweep(Generic[T]):
     axes: Sequence[Screw[T]]
     rates: Sequence[Screw[T]]
 
-    def carry(self, own: Sequence[Screw[T]]) -> Screws[T]:
-        return transform_screws(self.recursion, tuple(own))
-
     def fill(
         self, lower: Callable[[int], Sequence[tuple[Wrench[T], Screws[T]]]], upper: Callable[[int], Wrench[T]]
     ) -> list[list[T]]:
         """Return the entries (i, j), sums of wrenches of i on screws of j, and (j, i), on the axes."""
         robot, algebra = self.recursion.robot, self.recursion.algebra
-        axes = self.carry(self.axes)
+        axes = transform_screws(self.recursion, self.axes)
         rows = [[algebra.zero] * robot.size for _ in range(robot.size)]
         for joint in range(robot.size):
             parts = [project_wrench(self.recursion, joint, *pair) for pair in lower(joint)]
@@ -171,17 +147,17 @@ class _Sweep(Generic[T]):
         return rows
 
     def compute_mass_matrix(self, parameters: Parameters[T]) -> Rows[T]:
-        algebra, axes = self.recursion.algebra, self.carry(self.axes)
-        momenta = [compute_momentum(algebra, *pair) for pair in self._pair_bodies(self.axes)]
+        axes = transform_screws(self.recursion, self.axes)
+        momenta = self._list_momenta(self.axes)
         rows = self.fill(lambda i: [(momenta[i], axes)], momenta.__getitem__)
         add_drive_inertias(self.recursion, rows, parameters)
         return tuple(map(tuple, rows))
 
     def compute_coriolis_matrix(self) -> Rows[T]:
         """Return C, times the factor of the composites."""
-        algebra, axes, rates = self.recursion.algebra, self.carry(self.axes), self.carry(self.rates)
-        momenta = [compute_momentum(algebra, *pair) for pair in self._pair_bodies(self.axes)]
-        pushes = [compute_momentum(algebra, *pair) for pair in self._pair_bodies(self.rates)]
+        algebra, axes = self.recursion.algebra, transform_screws(self.recursion, self.axes)
+        rates = transform_screws(self.recursion, self.rates)
+        momenta, pushes = self._list_momenta(self.axes), self._list_momenta(self.rates)
         pairs = list(zip(self.composites, self.axes, strict=True))
         couples = [_build_couple(algebra, *pair) for pair in pairs]
         turns = [_turn_momentum(algebra, *pair) for pair in pairs]
@@ -191,8 +167,9 @@ class _Sweep(Generic[T]):
         )
         return tuple(map(tuple, rows))
 
-    def _pair_bodies(self, screws: Sequence[Screw[T]]) -> list[tuple[Body[T], Screw[T]]]:
-        return [(part.body, screw) for part, screw in zip(self.composites, screws, strict=True)]
+    def _list_momenta(self, screws: Sequence[Screw[T]]) -> list[Wrench[T]]:
+        algebra, pairs = self.recursion.algebra, zip(self.composites, screws, strict=True)
+        return [compute_momentum(algebra, part.body, screw) for part, screw in pairs]
 
 
 def _move_body(algebra: Algebra[T], body: Body[T], screw: Screw[T]) -> Body[T]:
@@ -260,8 +237,10 @@ def compute_mass_derivatives(recursion: Recursion[T], parameters: Parameters[T])
 
 
 def _build_sweep(recursion: Recursion[T], parameters: Parameters[T], *, double: bool) -> _Sweep[T]:
-    rates = compute_screw_rates(recursion)
-    robot, algebra = recursion.robot, recursion.algebra
+    robot, algebra, rates = recursion.robot, recursion.algebra, compute_screw_rates(recursion)
+    if double:
+        add = algebra.add_vectors
+        rates = tuple(Screw(angular=add(r.angular, r.angular), linear=add(r.linear, r.linear)) for r in rates)
     found = [
         _build_composite(algebra, gather_body(algebra, parameters, link), motion, double=double)
         for link, motion in enumerate(recursion.motions)
@@ -279,12 +258,8 @@ def _build_sweep(recursion: Recursion[T], parameters: Parameters[T], *, double: 
                 add_matrices(algebra, left.turning, turning),
                 algebra.add_vectors(left.momentum, momentum),
             )
-    return _Sweep(
-        recursion=recursion,
-        composites=found,
-        axes=build_axis_screws(recursion),
-        rates=[_double(recursion.algebra, rate) for rate in rates] if double else rates,
-    )
+    axes = build_axis_screws(recursion)
+    return _Sweep(recursion=recursion, composites=found, axes=axes, rates=rates)
 
 
 def compute_coriolis_matrix(recursion: Recursion[T], parameters: Parameters[T]) -> Rows[T]:
@@ -292,7 +267,9 @@ def compute_coriolis_matrix(recursion: Recursion[T], parameters: Parameters[T]) 
     return _build_sweep(recursion, parameters, double=False).compute_coriolis_matrix()
 
 
-def compute_equation_terms(recursion: Recursion[T], parameters: Parameters[T]) -> EquationTerms[T]:
+def compute_equation_terms(
+    recursion: Recursion[T], parameters: Parameters[T]
+) -> tuple[Rows[T], Rows[T], tuple[T, ...]]:
     """Return M, 2 C and the torques at rest, of gravity and springs, of tau = M ddq + C dq + rest.
 
     Of a joint gravity g takes -S' I (0, g): the momentum of its composite body times -g.
@@ -304,33 +281,29 @@ def compute_equation_terms(recursion: Recursion[T], parameters: Parameters[T]) -
         force = compute_momentum(algebra, part.body, screw).force
         weights.append(algebra.neg(algebra.dot(force, motion.gravity)))
     still = (algebra.zero,) * robot.size
-    return EquationTerms(
-        mass=sweep.compute_mass_matrix(parameters),
-        twice_coriolis=sweep.compute_coriolis_matrix(),
-        rest=add_drive_torques(recursion, weights, parameters, still),
-    )
+    mass, twice_coriolis = sweep.compute_mass_matrix(parameters), sweep.compute_coriolis_matrix()
+    return mass, twice_coriolis, add_drive_torques(recursion, weights, parameters, still)
 
 
-def compute_torque_derivatives(recursion: Recursion[T], parameters: Parameters[T]) -> TorqueDerivatives[T]:
-    """Return the derivatives of the joint torques without friction by q, dq and ddq (see above)."""
+def compute_torque_derivatives(
+    recursion: Recursion[T], parameters: Parameters[T]
+) -> tuple[Rows[T], Rows[T], Rows[T]]:
+    """Return the derivatives of the joint torques without friction by q, dq and ddq (see above).
+
+    In N m/rad, N m s/rad and kg m^2, a row and a column a joint.
+    """
     algebra = recursion.algebra
     sweep = _build_sweep(recursion, parameters, double=True)
     spins = compute_acceleration_tensors(recursion)
     wrenches = accumulate_wrenches(recursion, compute_link_wrenches(recursion, parameters, spins))
     single = compute_screw_rates(recursion)
     # T of every joint, (U z, a x z + 2 v x (w x z)), or (0, U z) if prismatic.
-    zero = algebra.zero
-    none, along = (zero, zero, zero), (zero, zero, algebra.one)
     second = []
-    for link, spin in enumerate(spins):
-        x, y, z = (row[2] for row in spin.tensor)
-        if recursion.frames[link].revolute:
-            swing = algebra.cross(recursion.motions[link].linear, _double(algebra, single[link]).angular)
-            linear = algebra.add_vectors(algebra.cross(spin.linear, along), swing)
-            second.append(Screw(angular=(x, y, z), linear=linear))
-        else:
-            second.append(Screw(angular=none, linear=(x, y, z)))
-    rates, seconds = sweep.carry(single), sweep.carry(second)
+    for spin, axis, rate, motion in zip(spins, sweep.axes, sweep.rates, recursion.motions, strict=True):
+        swing, turned = algebra.cross(motion.linear, rate.angular), algebra.cross(spin.linear, axis.angular)
+        linear = algebra.add_vectors(algebra.apply_matrix(spin.tensor, axis.linear), turned, swing)
+        second.append(Screw(angular=algebra.apply_matrix(spin.tensor, axis.angular), linear=linear))
+    rates, seconds = transform_screws(recursion, single), transform_screws(recursion, second)
 
     def compute_lower(joint: int) -> list[tuple[Wrench[T], Screws[T]]]:
         part, axis = sweep.composites[joint], sweep.axes[joint]
@@ -347,8 +320,5 @@ def compute_torque_derivatives(recursion: Recursion[T], parameters: Parameters[T
     for key, value in parameters.items():
         if key[1] == "KS":
             rows[key[0]][key[0]] = algebra.add(rows[key[0]][key[0]], value)
-    return TorqueDerivatives(
-        by_position=tuple(map(tuple, rows)),
-        by_velocity=sweep.compute_coriolis_matrix(),
-        by_acceleration=sweep.compute_mass_matrix(parameters),
-    )
+    by_position = tuple(map(tuple, rows))
+    return by_position, sweep.compute_coriolis_matrix(), sweep.compute_mass_matrix(parameters)

@@ -20,7 +20,7 @@ from typing import Any, final
 
 import numpy as np
 
-from symid import robot as robots
+from symid import codegen, robot as robots
 from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import Notice, RobotError
 from symid.joint_models import NO_FRICTION, FrictionValues, get_friction_law, name_values
@@ -46,9 +46,8 @@ def smooth_friction(robot: robots.Robot) -> robots.Robot:
             # Neither is known before the robot moves; what the motion must show of them is less.
             named = name_values(friction)
             values = tuple(named.get(name, 0.0) for name in ("Fv", "Fc", "offset")) if named else None
-            friction = FrictionValues(
-                law="coulomb-viscous-offset", values=values, smoothing=friction.smoothing
-            )
+            plain = "coulomb-viscous-offset"
+            friction = FrictionValues(law=plain, values=values, smoothing=friction.smoothing)
         if friction.law == NO_FRICTION or friction.smoothing > 0.0:
             return friction
         return replace(friction, smoothing=_SLOW if velocity is None else _SMOOTHING * velocity)
@@ -152,13 +151,9 @@ def get_motion_limits(robot: robots.Robot, options: ExciteOptions) -> MotionLimi
 
     velocity = get("velocity", options.velocity, "/s")
     acceleration = get("acceleration", options.acceleration, "/s^2")
-    bounds, torque = (
-        (half, velocity, acceleration, get("jerk", options.jerk, "/s^3")),
-        get("torque", None, ""),
-    )
-    return MotionLimits(
-        centre=centre, bounds=np.array(bounds), torque=torque, share=options.share, assumed=tuple(assumed)
-    )
+    bounds = np.array([half, velocity, acceleration, get("jerk", options.jerk, "/s^3")])
+    torque, share = get("torque", None, ""), options.share
+    return MotionLimits(centre=centre, bounds=bounds, torque=torque, share=share, assumed=tuple(assumed))
 
 
 def compute_coefficient_scales(limits: MotionLimits, harmonics: int, period: float) -> FloatArray:
@@ -274,13 +269,12 @@ def build_state_limits(robot: robots.Robot, limits: MotionLimits, options: Excit
     """
     import casadi as ca
 
-    from symid.codegen import build_functions
-
     states = [ca.SX.sym(name, robot.freedom) for name in ("q", "dq", "ddq")]
     entries, notices = _list_loads(robot, limits, options, states)
     if options.workspace is not None:
         regions = read_workspace(Path(options.workspace), robot)
-        turns, origins = build_functions(robot, names=("forward_kinematics",)).functions[0](states[0])
+        (kinematics,) = codegen.build_functions(robot, names=("forward_kinematics",)).functions
+        turns, origins = kinematics(states[0])
         for region, joint in [(entry, joint) for entry in regions for joint in entry.joints]:
             anchor = ca.DM(list(region.anchor))
             turn = ca.reshape(turns[joint, :], 3, 3).T
@@ -313,10 +307,8 @@ def _list_loads(
         return [], ()
     import casadi as ca
 
-    from symid.codegen import build_functions
-
     smooth = smooth_friction(robot)
-    made = build_functions(smooth, names=("inverse_dynamics",))
+    made = codegen.build_functions(smooth, names=("inverse_dynamics",))
     card = made.card
     if any(entry.value is None for entry in (*card.beta, *card.friction, *card.rotors)):
         if options.torsion is not None:
@@ -330,7 +322,7 @@ def _list_loads(
     link = made.functions[0](*states, ca.DM([entry.value or 0.0 for entry in card.beta]))
     motor = ca.SX(link)
     if card.friction:
-        friction = build_functions(smooth, names=("friction",)).functions[0]
+        friction = codegen.build_functions(smooth, names=("friction",)).functions[0]
         # Only positions are read here besides velocities: see `smooth_friction`.
         values = ca.DM([entry.value or 0.0 for entry in card.friction])
         motor = motor + friction(states[1], *states[: len(card.friction_inputs)], values)

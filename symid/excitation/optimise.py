@@ -71,6 +71,11 @@ def draw_candidates(
     conditions: list[float] = []
     drawn = 0
     worst = np.zeros(len(problem.state_limits.entries))
+    space, limits = problem.space, problem.limits
+    scales = compute_coefficient_scales(limits, space.harmonics, space.period)
+    falling = np.tile(1.0 / np.arange(1, space.harmonics + 1), 2)
+    # The joint of each linear limit.
+    owner = np.argmax(problem.rows.reshape(len(problem.rows), space.size, -1).any(axis=2), axis=1)
     while len(found) < count:
         if drawn >= _TRIES * max(count, 50):
             entries = problem.state_limits.entries
@@ -80,50 +85,35 @@ def draw_candidates(
             text += "; widen them, or give a start pose that keeps them"
             raise SolverError(Notice(code="excitation.narrow", text=text))
         drawn += 1
-        unknowns, excess = _draw_candidate(problem, rng)
-        if unknowns is None:
+        middle, wave = space.offset.copy(), np.zeros_like(space.offset)
+        middle[:, 0] += 0.5 * limits.share * limits.half * rng.uniform(-1.0, 1.0, size=space.size)
+        wave[:, 1:] = rng.normal(size=(space.size, 2 * space.harmonics)) * falling * scales[:, 1:]
+        rest, motion = space.compute_unknowns(middle), space.compute_unknowns(space.offset + wave)
+        excess = problem.compute_state_excess(rest)
+        here, ahead = problem.rows @ rest + problem.constants, problem.rows @ motion
+        low = 0.0
+        if not (np.any(excess > 0.0) or np.any(np.abs(here) > 1.0)):
+            # For each joint the largest factor of its motion that keeps the linear limits.
+            free = np.where(ahead > 0.0, 1.0 - here, 1.0 + here)
+            room = free / np.maximum(np.abs(ahead), np.finfo(np.float64).tiny)
+            factors = np.full(space.size, np.inf)
+            np.minimum.at(factors, owner, room)
+            # A joint without any motion has no limit to reach.
+            motion *= np.repeat(np.where(factors < 1e6, 0.9999 * factors, 0.0), len(motion) // space.size)
+            high = half = 1.0
+            for _ in range(1 + _HALVINGS):
+                within = not np.any(problem.compute_state_excess(rest + half * motion) > 0.0)
+                low, high = (half, high) if within else (low, half)
+                half = 0.5 * (low + high)
+                if low == high:
+                    break
+        if low > _SMALLEST:
+            found.append(rest + low * motion)
+            conditions.append(compute_condition(problem.compute_gram(found[-1])))
+        else:
             worst += excess > 0.0
-            continue
-        found.append(unknowns)
-        conditions.append(compute_condition(problem.compute_gram(unknowns)))
     order = np.argsort(conditions, kind="stable")
     return np.array(found)[order], np.array(conditions)[order]
-
-
-def _draw_candidate(
-    problem: ExcitationProblem, rng: np.random.Generator
-) -> tuple[FloatArray | None, FloatArray]:
-    """Return a feasible series, None if the draw has none, and the excesses at its centre."""
-    space, limits = problem.space, problem.limits
-    scales = compute_coefficient_scales(limits, space.harmonics, space.period)
-    middle = space.offset.copy()
-    middle[:, 0] += 0.5 * limits.share * limits.half * rng.uniform(-1.0, 1.0, size=space.size)
-    falling = np.tile(1.0 / np.arange(1, space.harmonics + 1), 2)
-    wave = np.zeros_like(middle)
-    wave[:, 1:] = rng.normal(size=(space.size, 2 * space.harmonics)) * falling * scales[:, 1:]
-    rest = space.compute_unknowns(middle)
-    motion = space.compute_unknowns(space.offset + wave)
-    excess = problem.compute_state_excess(rest)
-    here, ahead = problem.rows @ rest + problem.constants, problem.rows @ motion
-    if np.any(excess > 0.0) or np.any(np.abs(here) > 1.0):
-        return None, excess
-    # For each joint the largest factor of its motion that keeps the linear limits.
-    free = np.where(ahead > 0.0, 1.0 - here, 1.0 + here)
-    room = free / np.maximum(np.abs(ahead), np.finfo(np.float64).tiny)
-    owner = np.argmax(problem.rows.reshape(len(room), space.size, -1).any(axis=2), axis=1)
-    factors = np.full(space.size, np.inf)
-    np.minimum.at(factors, owner, room)
-    # A joint without any motion has no limit to reach.
-    motion *= np.repeat(np.where(factors < 1e6, 0.9999 * factors, 0.0), len(motion) // space.size)
-
-    def is_within(factor: float) -> bool:
-        return not np.any(problem.compute_state_excess(rest + factor * motion) > 0.0)
-
-    low, high = (1.0, 1.0) if is_within(1.0) else (0.0, 1.0)
-    for _ in range(_HALVINGS if low < high else 0):
-        half = 0.5 * (low + high)
-        low, high = (half, high) if is_within(half) else (low, half)
-    return (rest + low * motion if low > _SMALLEST else None), excess
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -35,6 +35,7 @@ from typing import final
 import numpy as np
 from numpy.typing import NDArray
 
+from symid import codegen
 from symid.arrays import FloatArray, freeze
 from symid.errors import Notice, UsageError
 from symid.excitation.limits import (
@@ -85,12 +86,10 @@ class Observation:
         """Derive the functions and allocate their memory."""
         import casadi as ca
 
-        from symid.codegen import build_functions
-
         frictions = [*(joint.friction for joint in robot.joints), *(one.friction for one in robot.couplings)]
         has_friction = any(friction.law != NO_FRICTION for friction in frictions)
         wanted = ("torque_regressor", "friction_regressor") if has_friction else ("torque_regressor",)
-        made = build_functions(robot, names=wanted)
+        made = codegen.build_functions(robot, names=wanted)
         found = {spec.name: entry for spec, entry in zip(made.card.functions, made.functions, strict=True)}
         states = [ca.SX.sym(name, robot.freedom) for name in ("q", "dq", "ddq")]
         blocks = [found["torque_regressor"](*states)]

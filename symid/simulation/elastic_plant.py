@@ -23,7 +23,7 @@ import scipy
 
 from symid import joint_models
 from symid.arrays import FloatArray, FrozenArrays
-from symid.codegen import CompiledPlant, Library, ModelCard, PlantExperiment, PlantLog, PlantRobot
+from symid.codegen import Library, ModelCard, PlantExperiment, PlantLog, PlantRobot
 from symid.errors import Notice, SolverError, UsageError
 from symid.robot import Robot
 from symid.simulation import rigid_plant
@@ -370,26 +370,21 @@ def simulate_in_numpy(
     return PlantLog(**log, ticks=order.ticks)
 
 
-def find_code(
-    library: Library, robot: PlantRobot, elements: Elements | None = None
-) -> tuple[CompiledPlant | None, tuple[Notice, ...]]:
-    """Return the compiled plant and its notices, or None and a notice that says why not."""
+def simulate_plant(
+    library: Library, robot: PlantRobot, order: PlantExperiment, elements: Elements | None = None
+) -> tuple[PlantLog, str, tuple[Notice, ...]]:
+    """Return the motion, by the compiled plant where there is one, what computed it, and notices."""
     bends = any(spec.name == "friction_step" for spec in library.card.functions)
-    return rigid_plant.find_compiled_plant(
+    code, notices = rigid_plant.find_compiled_plant(
         library,
         ("forward_dynamics", *(("friction",) if robot.friction.size else ())),
         "elastic",
         springs=() if elements is None else elements.springs,
         lacking="friction has a state" if bends else "",
     )
-
-
-def simulate_plant(
-    library: Library, robot: PlantRobot, order: PlantExperiment, elements: Elements | None = None
-) -> PlantLog:
-    """Return the motion, by the compiled plant where there is one."""
-    code, _ = find_code(library, robot, elements)
-    return code.run(library, robot, order) if code else simulate_in_numpy(library, robot, order, elements)
+    if code is None:
+        return simulate_in_numpy(library, robot, order, elements), "python", notices
+    return code.run(library, robot, order), "c", notices
 
 
 def count_substeps(library: Library, values: ElasticValues, poses: FloatArray, period: float) -> int:

@@ -38,15 +38,7 @@ from symid.joint_models import NO_FRICTION
 from symid.logs import Recording
 from symid.options import SimulateOptions
 from symid.robot import Controller, Coupling, Joint, JointKind, Robot, refuse_passive_joints
-from symid.simulation import elastic_plant
-from symid.simulation.rigid_plant import (
-    RigidPlant,
-    build_curved_friction,
-    check_friction_at_speeds,
-    gather_inputs,
-    quantise,
-    simulate_rigid_plant,
-)
+from symid.simulation import elastic_plant, rigid_plant
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -325,7 +317,7 @@ def simulate_experiment(
     known = options.controller or options
     gains = (options.stiffness or known.stiffness, options.damping or known.damping)
     times = build_times(robot, library, trajectory, options, gains)
-    plant = RigidPlant(library, speeds=get_limits(robot, "velocity"))
+    plant = rigid_plant.RigidPlant(library, speeds=get_limits(robot, "velocity"))
     encoder = get_encoder_turns(robot) / (options.sensors.counts_per_turn or np.inf)
     desired, speeds, _ = trajectory.evaluate(times)
     law, bandwidth, notices = _complete_controller(robot, library, plant, desired, options)
@@ -345,11 +337,11 @@ def simulate_experiment(
         sensed=law.velocity_source == "sensor",
         q=desired[0],
         dq=np.zeros(plant.size),
-        measured=quantise(desired[0], encoder),
+        measured=rigid_plant.quantise(desired[0], encoder),
         velocity=np.zeros(plant.size),
     )
     while True:
-        log = simulate_rigid_plant(library, plant, order)
+        log = rigid_plant.simulate_rigid_plant(library, plant, order)
         if log.end == "away":
             far = np.abs(log.q[-1] - desired[len(log.q) - 1])
             gone = ~((far < order.reach) & np.isfinite(log.dq[-1]))
@@ -364,7 +356,7 @@ def simulate_experiment(
                 raise
             # Steps as long as their error allows.
             order = replace(order, controlled=True)
-    check_friction_at_speeds(plant.friction, library.card.joints, log.dq)
+    rigid_plant.check_friction_at_speeds(plant.friction, library.card.joints, log.dq)
     torque = np.concatenate([log.torque[:-1], log.torque[-2:-1]])
     weight = np.abs([plant.compute_weight(pose) for pose in pick_poses(desired)]).max(axis=0)
     check_following(robot, log.q, desired, torque, weight)
@@ -374,7 +366,7 @@ def simulate_experiment(
     return SimulationRun(
         recording=Recording(
             time=times,
-            position=quantise(log.q, encoder),
+            position=rigid_plant.quantise(log.q, encoder),
             torque=add_torque_noise(logged, options.sensors, rng),
             reference=desired,
             reference_velocity=speeds,
@@ -399,7 +391,7 @@ def _compute_blend(law: Controller, period: float) -> float:
     return 1.0 if cutoff is None else 1.0 - float(np.exp(-2.0 * np.pi * cutoff * period))
 
 
-def _is_stable(plant: RigidPlant, mass: FloatArray, law: Controller, period: float) -> bool:
+def _is_stable(plant: rigid_plant.RigidPlant, mass: FloatArray, law: Controller, period: float) -> bool:
     """Return whether the sampled loops at M (K, n, n) are stable, with gains of `_MARGIN` times the law's."""
     blend, size, inverse = _compute_blend(law, period), plant.size, np.linalg.inv(mass)
     position, velocity, known, before = np.split(np.eye(4 * size), 4)
@@ -419,7 +411,11 @@ def _is_stable(plant: RigidPlant, mass: FloatArray, law: Controller, period: flo
 
 
 def _complete_controller(
-    robot: Robot, library: Library, plant: RigidPlant, desired: FloatArray, options: ExperimentOptions
+    robot: Robot,
+    library: Library,
+    plant: rigid_plant.RigidPlant,
+    desired: FloatArray,
+    options: ExperimentOptions,
 ) -> tuple[Controller, float | None, tuple[Notice, ...]]:
     """Return the law, its bandwidth (None of stated gains) and notices; others are of critical damping."""
     (mass,) = library.evaluate("mass_matrix", pick_poses(desired), plant.beta)
@@ -540,7 +536,7 @@ def observe(run: ElasticRun, sensors: SensorOptions, rng: Generator) -> Recordin
         if late > 0.0:
             # The robot rested before the first sample.
             position = np.stack([np.interp(time - late, time, column) for column in position.T], axis=1)
-        return quantise(position + np.array(offset), run.turn / (counts or np.inf))
+        return rigid_plant.quantise(position + np.array(offset), run.turn / (counts or np.inf))
 
     return Recording(
         time=time,
@@ -560,21 +556,19 @@ def simulate_elastic(
     options: ExperimentOptions,
     rng: Generator,
     *,
-    values: elastic_plant.ElasticValues | None = None,
     reference: MotorReference | None = None,
 ) -> ElasticRun:
     """Return the run of an elastic robot along `trajectory`, from rest at its start.
 
-    `robot` has names and limits, `library` functions of its links; `rng` is of the torque noise. `values` are
-    the truth (None: the robot file's), `reference` that of the motors at the ticks (None: the trajectory,
-    shifted by the first torsion).
+    `library` has the functions of its links; `rng` is of the torque noise. `reference` is that of the motors
+    at the ticks (None: the trajectory, shifted by the first torsion).
 
     Raises:
         UsageError: sizes that do not fit, a value that the robot file does not state, options out of range.
         SolverError: the controlled robot is unstable, is not held near its reference, or its springs do not
             carry it.
     """
-    stated = values or elastic_plant.get_elastic_values(robot, library.card)
+    stated = elastic_plant.get_elastic_values(robot, library.card)
     gains: tuple[tuple[float, ...], tuple[float, ...]] | None = _SHIPPED_GAINS.get(robot.name)
     if options.stiffness is not None and options.damping is not None:
         gains = (options.stiffness, options.damping)
@@ -583,13 +577,12 @@ def simulate_elastic(
         gains = None
     time = build_times(robot, library, trajectory, options, gains or (None, None))
     desired, speed = trajectory.evaluate(time, 1)
-    # Values that are tried, and not a robot's own, may have friction that drives a joint.
-    curves = None if values else build_curved_friction(library, get_limits(robot, "velocity"))
+    curves = rigid_plant.build_curved_friction(library, get_limits(robot, "velocity"))
     pose = desired[:1]
     weight = library.evaluate("gravity", pose, stated.beta)[0][0]
     hold = weight
     if stated.friction.size:
-        still = gather_inputs(library.card, np.zeros_like(pose), pose, weight[None])
+        still = rigid_plant.gather_inputs(library.card, np.zeros_like(pose), pose, weight[None])
         hold = weight + library.evaluate("friction", *still, stated.friction)[0][0]
     plant = elastic_plant.build_plant_robot(stated)
     elements = elastic_plant.build_elements(stated)
@@ -625,8 +618,7 @@ def simulate_elastic(
         theta=desired[0] + phi,
         play=play,
     )
-    code, notices = elastic_plant.find_code(library, plant, elements)
-    log = elastic_plant.simulate_plant(library, plant, order, elements)
+    log, backend, notices = elastic_plant.simulate_plant(library, plant, order, elements)
     # Whether it went out of control.
     reach = compute_reach(robot, desired)
     lost = ~((np.abs(log.q) < reach) & (np.abs(log.theta) < reach))
@@ -634,12 +626,12 @@ def simulate_elastic(
     if np.any(lost):
         tick = int(np.flatnonzero(np.any(lost, axis=1))[0])
         raise SolverError(describe_runaway(robot, lost[tick], tick, options.period, bandwidth))
-    if not (values or reference):
+    if not reference:
         poses = desired[:: max(1, len(desired) // 50)]
         loads = np.abs(library.evaluate("gravity", poses, stated.beta)[0]).max(axis=0)
         check_following(robot, log.q, desired, log.torque, loads)
     if curves:
-        check_friction_at_speeds(curves, library.card.joints, log.dtheta)
+        rigid_plant.check_friction_at_speeds(curves, library.card.joints, log.dtheta)
     kinetic, potential = map(np.ravel, library.evaluate("energy", log.q, log.dq, stated.beta))
     spin, work = 0.5 * (stated.rotor * log.dtheta**2).sum(axis=1), log.work.sum(axis=1)
     losses = (log.friction + (log.elastic + log.damped)).sum(axis=1)
@@ -666,7 +658,7 @@ def simulate_elastic(
         energy_gap=energy_gap,
         turn=turn,
         values=stated,
-        backend="python" if code is None else "c",
+        backend=backend,
     )
     return replace(run, recording=observe(run, options.sensors, rng))
 

@@ -45,7 +45,7 @@ import scipy
 from numpy.typing import NDArray
 
 from symid import codegen, joint_models
-from symid.arrays import FloatArray, FrozenArrays
+from symid.arrays import FloatArray, FrozenArrays, freeze
 from symid.codegen import JointCard, Library, ModelCard, RigidExperiment, RigidLog
 from symid.errors import GenerationError, Notice, SolverError, UsageError
 from symid.notation import join_name
@@ -241,14 +241,35 @@ def build_curved_friction(library: Library, speeds: FloatArray) -> FrictionLines
 
 def check_friction_at_speeds(lines: FrictionLines, joints: Sequence[JointCard], dq: FloatArray) -> None:
     """Refuse curves that drive a joint at speeds up to those in dq (N, n), rad/s or m/s."""
-    back, ahead = np.maximum(-dq.min(axis=0), 0.0), np.maximum(dq.max(axis=0), 0.0)
-    notices = []
+    if lines.curve is None:
+        return
+    size, notices = lines.curved.size, []
     for number in np.flatnonzero(lines.curved).tolist():
-        speed = _locate_push(lines, number, float(back[number]), float(ahead[number]))
-        if speed is not None:
+        back, ahead = (max(float((side * dq[:, number]).max()), 0.0) for side in (-1.0, 1.0))
+        varies = bool(lines.varying[number])
+        angles = np.arange(_POSITIONS if varies else 1) / (0.5 * (1.0 + math.sqrt(5.0))) % 1.0
+        states = np.array([*product(2.0 * math.pi * angles, _LOADS if varies else _LOADS[:1])])
+        bands = [lines.compute_band(*(np.full(size, value) for value in state)) for state in states]
+        ends = np.array([[upper[number], lower[number]] for upper, lower in bands])
+        grid = np.geomspace(_SLOWEST, min(max(back, ahead, _SLOWEST), _FASTEST), _SPEED_COUNT)
+        # (2 sides, states, speeds) samples.
+        speeds = np.array([1.0, -1.0])[:, None, None] * np.broadcast_to(grid, (len(states), len(grid)))
+        moved = speeds.reshape(-1, 1) * (np.arange(size) == number)
+        given = np.broadcast_to(states[:, None, :], (2, len(states), len(grid), 2)).reshape(-1, 2)
+        position, load = (np.repeat(given[:, k : k + 1], size, axis=1) for k in range(2))
+        torque = lines.curve(moved, position, load)[:, number].reshape(speeds.shape)
+        # Over speeds, the least torque ahead and the largest one back, standstill first, must not cross.
+        least = np.where(grid <= ahead, torque[0], np.inf)
+        largest = np.where(grid <= back, torque[1], -np.inf)
+        least = np.minimum.accumulate(np.column_stack([ends[:, 0], least]), axis=1)
+        largest = np.maximum.accumulate(np.column_stack([ends[:, 1], largest]), axis=1)
+        pushes = np.any(least < largest - _ROUNDING * np.maximum(np.abs(least), np.abs(largest)), axis=0)
+        # At standstill, only friction that varies is checked here.
+        driven = np.append(0.0, grid)[pushes & (varies | (np.arange(len(pushes)) > 0))].tolist()
+        if driven:
             joint, start = joints[number], "from standstill on"
-            if speed > _SLOWEST:
-                start = f"above about {speed:.2g} {joint.position_unit}/s"
+            if driven[0] > _SLOWEST:
+                start = f"above about {driven[0]:.2g} {joint.position_unit}/s"
             text = (
                 f"joint {joint.name!r}: friction must oppose motion, but it drives the joint {start}; "
                 "correct its values, or state a lower velocity limit"
@@ -256,33 +277,6 @@ def check_friction_at_speeds(lines: FrictionLines, joints: Sequence[JointCard], 
             notices.append(Notice(code="usage.negative-friction", text=text))
     if notices:
         raise UsageError(*notices)
-
-
-def _locate_push(lines: FrictionLines, joint: int, back: float, ahead: float) -> float | None:
-    """Return the least speed at which a coordinate's friction drives it, None if it never does."""
-    if lines.curve is None:
-        return None
-    size, varies = lines.curved.size, bool(lines.varying[joint])
-    angles = 2.0 * math.pi * (np.arange(_POSITIONS if varies else 1) / (0.5 * (1.0 + math.sqrt(5.0))) % 1.0)
-    states = np.array([*product(angles, _LOADS if varies else _LOADS[:1])])
-    bands = [lines.compute_band(*(np.full(size, value) for value in state)) for state in states]
-    ends = np.array([[upper[joint], lower[joint]] for upper, lower in bands])
-    grid = np.geomspace(_SLOWEST, min(max(back, ahead, _SLOWEST), _FASTEST), _SPEED_COUNT)
-    # (2 sides, states, speeds) samples.
-    speeds = np.array([1.0, -1.0])[:, None, None] * np.broadcast_to(grid, (len(states), len(grid)))
-    dq = speeds.reshape(-1, 1) * (np.arange(size) == joint)
-    given = np.broadcast_to(states[:, None, :], (2, len(states), len(grid), 2)).reshape(-1, 2)
-    position, load = (np.repeat(given[:, k : k + 1], size, axis=1) for k in range(2))
-    torque = lines.curve(dq, position, load)[:, joint].reshape(speeds.shape)
-    # Over speeds, the least torque ahead and the largest one back, standstill first, must not cross.
-    least = np.where(grid <= ahead, torque[0], np.inf)
-    largest = np.where(grid <= back, torque[1], -np.inf)
-    least = np.minimum.accumulate(np.column_stack([ends[:, 0], least]), axis=1)
-    largest = np.maximum.accumulate(np.column_stack([ends[:, 1], largest]), axis=1)
-    pushes = np.any(least < largest - _ROUNDING * np.maximum(np.abs(least), np.abs(largest)), axis=0)
-    # At standstill, only friction that varies is checked here.
-    found = np.append(0.0, grid)[pushes & (varies | (np.arange(len(pushes)) > 0))]
-    return float(found[0]) if len(found) else None
 
 
 def _list_laws(card: ModelCard) -> list[joint_models.FrictionLaw | None]:
@@ -476,11 +470,11 @@ class RigidPlant:
         self.size = card.size
         self._joints = card.joints
         self.beta = get_parameter_values(card.beta, card.robot)
-        self._values = get_parameter_values(card.friction, card.robot)
+        self.values = get_parameter_values(card.friction, card.robot)
         self.friction: FrictionLines = build_friction_lines(library, speeds)
         self.bristles: Bristles = build_bristles(library)
         lines, others = self.friction, ~self.bristles.joints
-        self._lines = FrictionLines(
+        self.lines = FrictionLines(
             viscous=lines.viscous * others,
             level=lines.level * others,
             curved=lines.curved & others,
@@ -497,23 +491,7 @@ class RigidPlant:
     @property
     def is_checked(self) -> bool:
         """Return whether errors shorten the steps in any case: friction is curved or has a state."""
-        return self._lines.curve is not None or self.memory > 0
-
-    def describe(self) -> codegen.RigidPlantRobot:
-        """Return the numbers of the robot for the compiled plant."""
-        lines, bristles = self._lines, self.bristles
-        return codegen.RigidPlantRobot(
-            beta=self.beta,
-            friction=self._values,
-            viscous=lines.viscous,
-            level=lines.level,
-            curved=lines.curved.astype(np.float64),
-            varying=lines.varying.astype(np.float64),
-            bristled=bristles.joints.astype(np.float64),
-            owner=bristles.owner.astype(np.float64),
-            stiffness=bristles.stiffness,
-            element=bristles.elements.astype(np.float64),
-        )
+        return self.lines.curve is not None or self.memory > 0
 
     @property
     def memory(self) -> int:
@@ -541,9 +519,8 @@ class RigidPlant:
             left = longest = step
             while left > 0.0:
                 state = self._settle(state, torque)
-                after, taken, longest, tried = self._choose_stride(
-                    state, torque, min(left, longest), checked=checked
-                )
+                longest = min(left, longest)
+                after, taken, longest, tried = self._choose_stride(state, torque, longest, checked=checked)
                 tries += tried
                 share, modes = 1.0, list(state.modes)
                 crossed = np.flatnonzero(after.dq * np.array(modes) < 0.0).tolist()
@@ -570,17 +547,14 @@ class RigidPlant:
         if not checked:
             return self._stride(state, torque, h)[0], h, h, 1
         held = [joint for joint, mode in enumerate(state.modes) if mode == 0]
-        level = self._lines.level[np.array(state.modes), np.arange(self.size)]
+        level = self.lines.level[np.array(state.modes), np.arange(self.size)]
         for tries in range(1, _MOST_STRIDES + 1):
             with np.errstate(over="ignore", invalid="ignore"):
                 after, last, bent = self._stride(state, torque, h)
-                push = (
-                    torque
-                    - level
-                    - self._compute_drag(after.modes, after.q, after.dq, torque, after.bristles)
-                )
+                drag = self._compute_drag(after.modes, after.q, after.dq, torque, after.bristles)
                 # The error of the velocities, relative to the one allowed.
-                error = (h / 6.0) * np.abs(self._accelerate(after.q, after.dq, push, held) - last)
+                ahead = self._accelerate(after.q, after.dq, torque - level - drag, held)
+                error = (h / 6.0) * np.abs(ahead - last)
                 excess = float(np.max(error / (_STRIDE_ERROR * np.abs(after.dq) + _STRIDE_FLOOR)))
                 excess = max(excess, bent) if math.isfinite(bent) else bent
             # No number, after a step far too long, is no reason to accept it.
@@ -598,7 +572,7 @@ class RigidPlant:
         self, state: RigidPlantState, torque: FloatArray, h: float
     ) -> tuple[RigidPlantState, FloatArray, float]:
         """Return the state after a step with the modes held, its last stage's ddq (n,), the excess of z."""
-        lines, rows = self._lines, (np.array(state.modes), np.arange(self.size))
+        lines, rows = self.lines, (np.array(state.modes), np.arange(self.size))
         level, viscous = lines.level[rows], lines.viscous[rows]
         push = torque - level
         held = [joint for joint, mode in enumerate(state.modes) if mode == 0]
@@ -638,12 +612,12 @@ class RigidPlant:
         self, modes: Modes, q: FloatArray, dq: FloatArray, torque: FloatArray, z: FloatArray
     ) -> FloatArray:
         """Return friction (n,) beyond the level of each mode, that of bristles whole."""
-        drag = self._lines.compute_drag(modes, dq, q, torque)
+        drag = self.lines.compute_drag(modes, dq, q, torque)
         return drag + self.bristles.compute_torque(dq, z) if self.memory else drag
 
     def describe_steep(self, duration: float, steps: int) -> Notice:
         """Return the notice on friction that stops a joint much faster than `duration` in s, in `steps`."""
-        lines = self._lines
+        lines = self.lines
         creeps = lines.curved & (lines.level[1] <= lines.level[2])
         viscous: NDArray[np.bool_] = np.any(lines.viscous != 0.0, axis=0)
         found = next((kind for kind in (creeps, lines.curved, viscous) if kind.any()), viscous)
@@ -681,13 +655,13 @@ class RigidPlant:
         for _ in range(_MOST_TURNS):
             rows = np.array(modes)
             drag = self._compute_drag(tuple(modes), state.q, state.dq, torque, state.bristles)
-            friction = drag + self._lines.level[rows, columns]
+            friction = drag + self.lines.level[rows, columns]
             free = np.flatnonzero(rows)
             acceleration = np.zeros(self.size)
             if free.size:
                 acceleration[free] = np.linalg.solve(mass[np.ix_(free, free)], (net - friction)[free])
             need = net - mass @ acceleration
-            upper, lower = self._lines.compute_band(state.q, torque - need)
+            upper, lower = self.lines.compute_band(state.q, torque - need)
             # Bristles hold with what they are bent: they give way to all else.
             upper, lower = (np.where(self.bristles.joints, drag, end) for end in (upper, lower))
             # A torque this far beyond the band still counts as within it.
@@ -830,7 +804,11 @@ def _run_once(library: Library, plant: RigidPlant, order: RigidExperiment) -> Ri
             events=state.events,
         )
     else:
-        log = plant.code.run_rigid(library, plant.describe(), order)
+        lines, bristles = plant.lines, plant.bristles
+        friction = (lines.viscous, lines.level, lines.curved, lines.varying)
+        deflections = (bristles.joints, bristles.owner, bristles.stiffness, bristles.elements)
+        tables = tuple(map(freeze, (*friction, *deflections)))
+        log = plant.code.run_rigid(library, (plant.beta, plant.values), tables, order)
     if log.end in {"chatter", "not-converged"}:
         raise SolverError(_describe_failure(log.end, log.q[-1], order.period))
     if log.end == "steep":

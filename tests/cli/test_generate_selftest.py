@@ -119,13 +119,13 @@ def test_code_that_fails_its_test_is_not_written(tmp_path, monkeypatch, target, 
     new, old = tmp_path / "new", tmp_path / "old"
     do("generate", *NAMES, "--target", target, "-o", old)
     before = {path.name: path.read_bytes() for path in old.iterdir()}
-    write = generation.write_sources
+    write = generation.source_folder.write_sources
 
     def spoil(sources, place, **options):
         files = tuple((path, text.replace("failed = 0", "failed = 1")) for path, text in sources.files)
         return write(replace(sources, files=files), place, **options)
 
-    monkeypatch.setattr(generation, "write_sources", spoil)
+    monkeypatch.setattr(generation.source_folder, "write_sources", spoil)
     order = ("two_link", "--function", "friction", "--target", target, *(["--force"] if force else []))
     for folder in (new, old):
         assert "nothing was written" in hear(70, "generate.selftest-failed", "generate", *order, "-o", folder)

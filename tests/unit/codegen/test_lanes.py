@@ -202,8 +202,8 @@ def test_angles_are_what_comes_from_inputs_alone():
     program = build_program(
         table, table.apply(Op.SIN, inner), table.apply(Op.COS, turned), table.mul(x, inner)
     )
-    angles = group_angles(program)
-    assert list(angles.places.values()) == [0, 1]
+    angles, _ = group_angles(program)
+    assert list(angles.values()) == [0, 1]
     text = "\n".join(print_c(program, "double", together=True).statements)
     assert "EIGHT(x[0], t" in text
     assert " = sin(t" in text

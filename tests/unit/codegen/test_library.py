@@ -273,7 +273,7 @@ def test_an_update_that_runs_is_waited_for(made, tmp_path):
 @pytest.mark.parametrize("target", [generate_python_module, generate_casadi_target])
 def test_an_update_that_began_while_the_library_was_read_is_seen(made, tmp_path, monkeypatch, target):
     write_sources(target(made), tmp_path)
-    read = library_module.read_manifest
+    read = library_module.source_folder.read_manifest
 
     def read_and_change(folder):
         found = read(folder)
@@ -281,6 +281,6 @@ def test_an_update_that_began_while_the_library_was_read_is_seen(made, tmp_path,
             file.write("new")
         return found
 
-    monkeypatch.setattr(library_module, "read_manifest", read_and_change)
+    monkeypatch.setattr(library_module.source_folder, "read_manifest", read_and_change)
     with raises(UsageError, "usage.interrupted-update"):
         load_library(tmp_path)

@@ -139,8 +139,7 @@ def test_nothing_jumps_at_the_start_whatever_is_carried(elastic_robot, elastic_l
     assert np.abs(run.dtheta[:20]).max() < 1e-4
     torque = compute_hysteresis_torque(elastic_robot.axes[0].elasticity, run.phi[:1, 0])
     assert torque[0] == pytest.approx(weight[0], rel=1e-9)
-    values = get_elastic_values(elastic_robot, elastic_library.card)
-    run = simulate(elastic_robot, elastic_library, build_tc(duration=0.2), values=values)
+    run = simulate(elastic_robot, elastic_library, build_tc(duration=0.2))
     np.testing.assert_array_equal(run.torque[0], [0.0, 0.0])
 
 
@@ -217,9 +216,9 @@ def test_runs_that_go_wrong_are_errors_with_a_remedy(elastic_robot, elastic_libr
     weak = change_joints(elastic_robot, limits=Limits(torque=1.0))
     with raises(SolverError, "simulate.not-held", match=r"'[a-z]+'.*reference.*torque limit is 1 N m"):
         simulate(weak, elastic_library, replace(build_ta(duration=4.0), centre=np.array([2.0, 0.0])))
-    light = replace(values, beta=np.zeros_like(values.beta))
+    light = tuple(replace(entry, value=0.0) for entry in elastic_library.card.beta)
     with raises(SolverError, "simulate.massless"):
-        simulate(elastic_robot, elastic_library, values=light)
+        simulate(elastic_robot, Changed(elastic_library, beta=light))
 
 
 def test_robots_that_cannot_be_simulated_are_refused(elastic_robot, elastic_library):

@@ -279,23 +279,20 @@ def test_without_compiled_code_numpy_does_it_and_says_why(arm, numbers, elastic_
     assert not has_addresses(arm)
     beta = np.array([entry.value for entry in arm.card.beta])
     robot = replace(numbers, beta=beta, friction=np.zeros(0))
-    code, notices = elastic_plant.find_code(arm, robot)
-    assert code is None
-    assert "not compiled" in tell(notices)["simulate.slow-plant"]
     order = order_run(ticks=5)
-    assert elastic_plant.simulate_plant(arm, robot, order).ticks == 5
+    log, backend, notices = elastic_plant.simulate_plant(arm, robot, order)
+    assert (log.ticks, backend) == (5, "python")
+    assert "not compiled" in tell(notices)["simulate.slow-plant"]
     with monkeypatch.context() as patch:
         patch.setattr(rigid_plant.codegen, "load_plant_code", lambda *_: None)
-        slow = elastic_plant.simulate_plant(elastic_library, numbers, order)
-        _, notices = elastic_plant.find_code(elastic_library, numbers)
+        slow, _, notices = elastic_plant.simulate_plant(elastic_library, numbers, order)
     assert "no C compiler" in tell(notices)["simulate.slow-plant"]
-    fast = elastic_plant.simulate_plant(elastic_library, numbers, order)
-    code, notices = elastic_plant.find_code(elastic_library, numbers)
-    assert (code is not None, notices) == (True, ())
+    fast, *how = elastic_plant.simulate_plant(elastic_library, numbers, order)
+    assert how == ["c", ()]
     np.testing.assert_allclose(slow.theta, fast.theta, atol=1e-14)
     broken = Mock(side_effect=GenerationError(Notice(code="codegen.compiler-failed", text="no headers")))
     monkeypatch.setattr(rigid_plant.codegen, "load_plant_code", broken)
-    _, notices = elastic_plant.find_code(elastic_library, numbers)
+    _, _, notices = elastic_plant.simulate_plant(elastic_library, numbers, order)
     assert "no headers" in tell(notices)["simulate.slow-plant"]
 
 

@@ -45,7 +45,7 @@ def test_the_plant_is_the_solution_of_the_differential_equations(elastic_library
     order = order_run(
         ticks=120, substeps=40, play=elastic_plant.build_elements(values).pad([(0.0,) * 2, (0.0,) * 3])
     )
-    ran = elastic_plant.simulate_plant(
+    ran, _, _ = elastic_plant.simulate_plant(
         elastic_library, elastic_plant.build_plant_robot(values), order, elastic_plant.build_elements(values)
     )
     x, worst = np.zeros(11), 0.0
@@ -88,7 +88,7 @@ def test_the_logged_torque_is_that_of_the_element_along_the_torsion(elastic_libr
     own = replace(values, elasticity=(SPRINGS[0], joint_models.Elasticity(stiffness=90.0, backlash=0.002)))
     plant, elements = elastic_plant.build_plant_robot(own), elastic_plant.build_elements(own)
     order = order_run(play=elements.pad([(0.0,) * 2] * 2))
-    log = elastic_plant.simulate_plant(elastic_library, plant, order, elements)
+    log, _, _ = elastic_plant.simulate_plant(elastic_library, plant, order, elements)
     time = np.arange(order.ticks) * order.period
     phi, rate = log.theta - log.q, log.dtheta - log.dq
     for joint, spring in enumerate(own.elasticity):
