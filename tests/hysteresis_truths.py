@@ -173,7 +173,6 @@ TRUTHS = {
     "nonlinear-stops": make_gap,
     "bouc-wen": make_bouc_wen,
     "dahl": make_dahl,
-    "sided": make_sided,
     "one-sided": make_one_sided,
     "krasnoselskii-pokrovskii": make_preisach,
     "asymmetric": make_skewed,
@@ -181,7 +180,7 @@ TRUTHS = {
     "maxwell-slip": make_attracted,
     "viscous": make_viscous,
 }
-"""Thirteen elements."""
+"""Twelve elements."""
 FURTHER = {"backlash": make_lost_motion, "relaxation": make_relaxing}
 """Elements with a part that any of them may have."""
 
