@@ -21,7 +21,7 @@ MOUNTING = "how the robot is mounted"
 
 HYSTERESIS_MODELS = (
     *("prandtl-ishlinskii", "modified-prandtl-ishlinskii", "nonlinear-stops", "krasnoselskii-pokrovskii"),
-    *("bouc-wen", "dahl", "lugre", "maxwell-slip"),
+    *("sided", "bouc-wen", "dahl", "lugre", "maxwell-slip"),
 )
 """Names of models of elements with hysteresis."""
 

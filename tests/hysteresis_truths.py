@@ -70,6 +70,11 @@ def make_dahl(t, x):
     return 0.5 * x + 9.0 * z
 
 
+def make_sided(t, x):
+    """A spring three times as stiff for one sign, beside Dahl's friction."""
+    return np.where(x > 0.0, 2.4, 0.8) * x + make_dahl(t, x) / 18.0
+
+
 def make_one_sided(_t, x):
     """One-sided plays of a pressure-like input that is never negative."""
     plays, found = np.zeros(3), []

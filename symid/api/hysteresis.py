@@ -358,7 +358,7 @@ def fit(
         t: (N,) time in s, increasing, at even steps or not; without it no model that depends on the speed
             is tried.
         model: auto, or one of prandtl-ishlinskii, modified-prandtl-ishlinskii, nonlinear-stops,
-            krasnoselskii-pokrovskii, bouc-wen, dahl, lugre, maxwell-slip.
+            krasnoselskii-pokrovskii, sided, bouc-wen, dahl, lugre, maxwell-slip.
         passive: True for elements from which no motion gets work.
         train: part that is fitted, such as "0:60%" or (0.0, 20.0) in s.
         names: of input and output, for tables and axes.

@@ -211,8 +211,9 @@ def advance_element(
     terms = _gather_spring(elasticity, values, algebra)
     count = len(terms.stops)
     force, plays = elements.advance_spring(algebra, terms, position, states[at : at + count])
-    least = values.get("least", algebra.zero)
-    stored = _compute_stored(algebra, terms, (position, plays), least)
+    stored = elements.compute_stored(algebra, terms, position, plays)
+    if stored is not None and "least" in values:
+        stored = algebra.sub(stored, values["least"])
     after += plays
     at += count
     forces = [force]
@@ -244,50 +245,6 @@ def _gather_spring(
         above=tuple(knees[: len(terms.above)]),
         below=tuple(knees[len(terms.above) :]),
     )
-
-
-def _compute_stored(
-    algebra: carriers.Carrier[V], terms: elements.SpringTerms[V], motion: tuple[V, Sequence[V]], least: V
-) -> V | None:
-    """Return the energy that a spring stores at a position with its plays, J; None for a cubic with knees."""
-    position, plays = motion
-
-    def halve_square(value: V) -> V:
-        return algebra.scale(0.5, algebra.mul(value, value))
-
-    if not (terms.above or terms.below):
-        parts = [algebra.mul(terms.stiffness, halve_square(position))]
-        if terms.cubic is not None:
-            quartic = halve_square(algebra.mul(position, position))
-            parts.append(algebra.scale(0.5, algebra.mul(terms.cubic, quartic)))
-        pairs = zip(terms.stops, plays, strict=True)
-        parts += [algebra.mul(k, halve_square(algebra.sub(position, play))) for (_, k), play in pairs]
-        return branches.add_all(algebra, parts)
-    if terms.cubic is not None:
-        return None
-
-    def integrate(value: V) -> V:
-        result = halve_square(value)
-        for edges, limit in ((terms.above, algebra.maximum), (terms.below, algebra.minimum)):
-            for threshold, slope in edges:
-                beyond = halve_square(limit(algebra.sub(value, threshold), algebra.zero))
-                result = algebra.add(result, algebra.mul(slope, beyond))
-        return result
-
-    # U = sum_i w'_i [G(P'_i + r'_i) + G(P'_i - r'_i)] / 2 less its least value,
-    # P'_i = W_i P_i - sum_j>i k_j P_j.
-    inverse, _, _ = elements.invert_spring(algebra, terms)
-    slope, rest, images = terms.stiffness, algebra.zero, []
-    for (_, stiffness), play in zip(reversed(terms.stops), reversed(plays), strict=True):
-        images.append(algebra.sub(algebra.mul(slope, play), rest))
-        rest = algebra.add(rest, algebra.mul(stiffness, play))
-        slope = algebra.add(slope, stiffness)
-    total = algebra.mul(inverse.weights[0], integrate(algebra.sub(algebra.mul(slope, position), rest)))
-    pieces = zip(inverse.weights[1:], inverse.thresholds, reversed(images), strict=True)
-    for weight, radius, image in pieces:
-        ends = [integrate(algebra.add(image, radius)), integrate(algebra.sub(image, radius))]
-        total = algebra.add(total, algebra.mul(weight, algebra.scale(0.5, branches.add_all(algebra, ends))))
-    return algebra.sub(total, least)
 
 
 _HALVINGS = 60

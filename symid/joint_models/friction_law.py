@@ -74,11 +74,6 @@ def build_parameter(  # noqa: PLR0917 - one row of a table
     return LawParameter(name, latex, *_UNITS[kind], meaning, lower, upper, start, allowed)
 
 
-def _multiply(matrix: Sequence[Sequence[int]], values: Sequence[float]) -> tuple[float, ...]:
-    rows = (zip(row, values, strict=True) for row in matrix)
-    return tuple(math.fsum(factor * value for factor, value in row if factor) for row in rows)
-
-
 LawColumns = Callable[[carriers.Carrier[V], Mapping[str, V], Sequence[V]], tuple[V, ...]]
 
 
@@ -135,7 +130,8 @@ class FrictionLaw:
 
     def to_physical(self, linear: Sequence[float], shape: Sequence[float]) -> tuple[float, ...]:
         """Return the values in the order of `physical`; a linear map, whose matrix is `mixing`."""
-        return _multiply(self.mixing, [*linear, *shape])
+        rows = (zip(row, [*linear, *shape], strict=True) for row in self.mixing)
+        return tuple(math.fsum(factor * value for factor, value in row if factor) for row in rows)
 
     def from_physical(self, physical: Sequence[float]) -> tuple[tuple[float, ...], tuple[float, ...]]:
         """Return (linear, shape) from values in the order of `physical`."""

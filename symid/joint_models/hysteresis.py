@@ -22,7 +22,7 @@ from functools import reduce
 from itertools import accumulate
 from typing import Generic, TypeVar
 
-from symid.joint_models.branches import Branch, clamp, refuse_element
+from symid.joint_models.branches import Branch, add_all, clamp, refuse_element
 from symid.joint_models.carriers import Carrier
 from symid.serialization import Finite
 
@@ -165,6 +165,54 @@ def compute_outer_function(algebra: Carrier[V], value: V, above: Terms[V], below
             dead = limit(algebra.sub(value, threshold), algebra.zero)
             result = algebra.add(result, algebra.mul(slope, dead))
     return result
+
+
+def _halve_square(algebra: Carrier[V], value: V) -> V:
+    return algebra.scale(0.5, algebra.mul(value, value))
+
+
+def compute_outer_integral(algebra: Carrier[V], value: V, above: Terms[V], below: Terms[V]) -> V:
+    """Return G(v), the integral of S from 0 to v."""
+    result = _halve_square(algebra, value)
+    for terms, limit in ((above, algebra.maximum), (below, algebra.minimum)):
+        for threshold, slope in terms:
+            beyond = _halve_square(algebra, limit(algebra.sub(value, threshold), algebra.zero))
+            result = algebra.add(result, algebra.mul(slope, beyond))
+    return result
+
+
+def compute_stored(algebra: Carrier[V], spring: SpringTerms[V], torsion: V, plays: Sequence[V]) -> V | None:
+    """Return the energy that a spring stores, J, from any level; None for a cubic one with knees.
+
+    U = sum_i w'_i [G(P'_i + r'_i) + G(P'_i - r'_i)] / 2 with P'_i = W_i P_i - sum_j>i k_j P_j; without knees
+    k0 phi^2 / 2 + k3 phi^4 / 4 + sum_i k_i E_i^2 / 2, zero at rest.
+    """
+    if not (spring.above or spring.below):
+        parts = [algebra.mul(spring.stiffness, _halve_square(algebra, torsion))]
+        if spring.cubic is not None:
+            quartic = _halve_square(algebra, algebra.mul(torsion, torsion))
+            parts.append(algebra.scale(0.5, algebra.mul(spring.cubic, quartic)))
+        for (_, stiffness), play in zip(spring.stops, plays, strict=True):
+            parts.append(algebra.mul(stiffness, _halve_square(algebra, algebra.sub(torsion, play))))
+        return add_all(algebra, parts)
+    if spring.cubic is not None:
+        return None
+    inverse, _, _ = invert_spring(algebra, spring)
+    slope, rest, images = spring.stiffness, algebra.zero, []
+    for (_, stiffness), play in zip(reversed(spring.stops), reversed(plays), strict=True):
+        images.append(algebra.sub(algebra.mul(slope, play), rest))
+        rest = algebra.add(rest, algebra.mul(stiffness, play))
+        slope = algebra.add(slope, stiffness)
+
+    def integrate(value: V) -> V:
+        return compute_outer_integral(algebra, value, spring.above, spring.below)
+
+    total = algebra.mul(inverse.weights[0], integrate(algebra.sub(algebra.mul(slope, torsion), rest)))
+    pieces = zip(inverse.weights[1:], inverse.thresholds, reversed(images), strict=True)
+    for weight, radius, image in pieces:
+        ends = [integrate(algebra.add(image, radius)), integrate(algebra.sub(image, radius))]
+        total = algebra.add(total, algebra.mul(weight, algebra.scale(0.5, add_all(algebra, ends))))
+    return total
 
 
 def advance_spring(

@@ -72,11 +72,7 @@ def invert_outer(terms: SpringTerms[float], torque: FloatArray) -> FloatArray:
 
 def compute_outer_integral(terms: SpringTerms[float], value: FloatArray) -> FloatArray:
     """Return G(v), the integral of S from 0 to v, at values v of any shape."""
-    result = 0.5 * value * value
-    for pieces, limit in ((terms.above, np.maximum), (terms.below, np.minimum)):
-        for threshold, slope in pieces:
-            result = result + 0.5 * slope * np.square(limit(value - threshold, 0.0))
-    return np.asarray(result, dtype=np.float64)
+    return np.asarray(elements.compute_outer_integral(_ARRAYS, value, terms.above, terms.below))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,9 +95,8 @@ class PlayModel(elements.Plays[float]):
 
 def build_play_model(elasticity: Elasticity) -> PlayModel:
     """Return the plays of an elasticity, knees and cubic part left out: w_0 = k0 + sum k_i, w_i = -k_i."""
-    terms, radii, stiffness = _read_spring(elasticity)
-    weights = (terms.stiffness + sum(stiffness.tolist()), *(-stiffness).tolist())
-    return PlayModel(weights=weights, thresholds=tuple(radii.tolist()))
+    plays = elements.gather_plays(_FLOATS, read_spring_terms(elasticity))
+    return PlayModel(weights=plays.weights, thresholds=plays.thresholds)
 
 
 def build_stops(model: PlayModel) -> Elasticity:
@@ -321,22 +316,15 @@ def compute_spring_work(elasticity: Elasticity, phi: FloatArray, memory: Memory 
 
 
 def compute_stored_energy(elasticity: Elasticity, phi: FloatArray, memory: Memory = None) -> FloatArray:
-    """Return the energy U (N,) in J that the spring holds along its torsion (N,).
-
-    Without knees U = k0 phi^2 / 2 + k3 phi^4 / 4 + sum_i k_i E_i^2 / 2.
-    """
+    """Return the energy U (N,) in J that the spring holds along its torsion (N,); virgin at rest none."""
+    if elasticity.knees:
+        _refuse_cubic(elasticity)
     phi = np.asarray(phi, dtype=np.float64)
-    terms, radii, weights = _read_spring(elasticity)
-    if not elasticity.knees:
-        stops = phi[:, None] - compute_plays(phi, radii, memory)
-        linear = 0.5 * terms.stiffness * np.square(phi) + 0.25 * elasticity.cubic * phi**4
-        return linear + 0.5 * np.square(stops) @ weights
-    plays, radii, weights = compute_inverse_plays(elasticity, phi, memory)
-    upper = compute_outer_integral(terms, plays + radii)
-    lower = compute_outer_integral(terms, plays - radii)
-    # A virgin spring at rest holds nothing.
-    rest = compute_outer_integral(terms, radii) + compute_outer_integral(terms, -radii)
-    return 0.5 * (upper + lower - rest) @ weights
+    terms, radii, _ = _read_spring(elasticity)
+    plays = compute_plays(phi, radii, memory)
+    stored = elements.compute_stored(_ARRAYS, terms, phi, list(plays.T))
+    rest = elements.compute_stored(_FLOATS, terms, 0.0, [0.0] * len(radii))
+    return np.asarray(np.asarray(stored) - np.asarray(rest), dtype=np.float64)
 
 
 def compute_dissipation(elasticity: Elasticity, phi: FloatArray, memory: Memory = None) -> FloatArray:

@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 
 import symid
-from tests.hysteresis_truths import FURTHER, TRUTHS, make_input, make_stops, measure, slide, solve_path
+from tests.hysteresis_truths import (
+    FURTHER,
+    TRUTHS,
+    make_input,
+    make_sided,
+    make_stops,
+    measure,
+    slide,
+    solve_path,
+)
 from tests.recovery.elastic_runs import run_arm
 
 OWN = {
@@ -48,6 +57,31 @@ def test_a_further_part_is_found_and_not_without_need(name, expected):
     assert found.value == pytest.approx(expected, rel=0.05)
     t, x = make_input(3, 1.3)
     y = FURTHER[name](t, x)
+    assert np.std(fit.predict(x, t) - y) < 0.02 * np.std(y)
+
+
+@pytest.mark.parametrize(
+    ("truth", "model", "stiffness"),
+    [
+        # Dahl's friction begins as a spring of half a unit, which is no part of either side.
+        (make_sided, "auto", (0.83, 2.43)),
+        (lambda _, x: np.where(x > 0.0, 0.7, 2.0) * x, "sided", (2.0, 0.7)),
+        (lambda _, x: np.where(x > 0.0, 3.0, 1.0) * x + slide(x, [4.0], [0.1]), "sided", (1.0, 3.0)),
+    ],
+)
+def test_a_spring_that_is_stiffer_for_one_sign_has_both_stiffnesses(truth, model, stiffness):
+    t, x = make_input(1, 1.0, 600)
+    fit = symid.hysteresis.fit(*measure(t, x, truth, 2), model=model)
+    assert fit.record.model == "sided"
+    (side,) = fit.element.branches
+    found = [
+        fit.element.stiffness + force / place
+        for place, force in zip(side.deflections, side.forces, strict=True)
+        if place
+    ]
+    assert found == pytest.approx(stiffness, rel=0.03)
+    t, x = make_input(3, 1.4)
+    y = truth(t, x)
     assert np.std(fit.predict(x, t) - y) < 0.02 * np.std(y)
 
 

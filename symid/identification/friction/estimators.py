@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import scipy
 
-from symid.arrays import FloatArray
+from symid.arrays import FloatArray, compute_triangle
 from symid.errors import Notice, SolverError, UsageError
 from symid.identification.estimators import ParameterEstimate
 from symid.identification.friction import joint_fit, searches
@@ -271,8 +271,15 @@ def build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator: 
     if not search.outcome.usable:
         text = f"estimator {estimator!r}, joint {samples.joint!r}: {search.ended} ({search.outcome.value})"
         raise SolverError(Notice(code="friction.solver", text=text))
-    design = problem.condense_sensitivities(search.linear, search.shape)
-    other = problem.solve_beside(search.linear, search.shape)
+    # p + s + r rows with the lengths and angles of all columns; factors of least norm beside the law.
+    beside, count = samples.beside, len(search.linear) + len(search.shape)
+    own = joint_fit.compute_sensitivities(samples, law, search.linear, search.shape)[:, :count]
+    inside = beside.basis.T @ own
+    rest = compute_triangle(own - beside.basis @ inside)
+    below = np.zeros((len(rest), beside.parts.shape[1]))
+    design = np.vstack([np.hstack([inside, beside.parts]), np.hstack([rest, below])])
+    left = samples.rows.torque - samples.pass_law(law, search.shape) @ np.asarray(search.linear)
+    other = beside.factors @ (beside.basis.T @ left)
     rows, fixed = len(problem.target), (~problem.is_free).tolist()
     fitted = design.shape[1] - sum(fixed)
     uncertainty = joint_fit.compute_uncertainty(design, law, search.objective / max(rows - fitted, 1), fixed)
@@ -282,13 +289,11 @@ def build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator: 
     floor = 1e-30 * float(problem.target @ problem.target)
     aicc, bic = joint_fit.compute_criteria(max(search.objective, floor), rows, uncertainty.rank)
     values = law.to_physical(search.linear, search.shape)
-    own = []
+    parameters, units = [], samples.extra_units or ("",) * len(samples.extra_names)
     for entry, value, std in zip(law.physical, values, uncertainty.physical.tolist(), strict=True):
         unit, reason = entry.unit_prismatic if samples.prismatic else entry.unit, reasons.get(entry.name, "")
-        own.append(ParameterEstimate(entry.name, value, std, unit, entry.meaning, reason))
-    units = samples.extra_units or ("",) * len(samples.extra_names)
-    rest = zip(samples.extra_names, other.tolist(), uncertainty.other.tolist(), units, strict=True)
-    beside = [ParameterEstimate(*entry) for entry in rest]
+        parameters.append(ParameterEstimate(entry.name, value, std, unit, entry.meaning, reason))
+    pairs = zip(samples.extra_names, other.tolist(), uncertainty.other.tolist(), units, strict=True)
     ended: dict[str, Any] = search._asdict()
     if refused and search.outcome in {Ending.CONVERGED, Ending.STAGNATED}:
         ended["outcome"] = Ending.SOME_REFUSED
@@ -297,8 +302,8 @@ def build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator: 
         joint=samples.joint,
         law=law.name,
         estimator=estimator,
-        parameters=tuple(entry for entry in own if entry.name not in refused),
-        extra=tuple(entry for entry in beside if entry.name not in refused),
+        parameters=tuple(entry for entry in parameters if entry.name not in refused),
+        extra=tuple(ParameterEstimate(*entry) for entry in pairs if entry[0] not in refused),
         refused=tuple(refused.items()),
         other=tuple(map(float, other)),
         covariance=tuple(tuple(map(float, row)) for row in uncertainty.covariance),

@@ -225,19 +225,25 @@ def compute_velocity_map(samples: FrictionSamples, other: FloatArray | tuple[flo
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class LawFit:
-    """What fits of all laws, static and with a state, have in common.
+class FrictionEstimate:
+    """The fit of a law.
 
     Args:
-        joint, law: their names.
+        joint, law, estimator: their names; `settings` the options and counts of the search.
         parameters: as papers print them, in the order of the law, without those refused; `reason` of an
             entry: that it is at a bound.
         extra: factors of the columns beside friction, without those refused.
         refused: parameters that cannot be identified from these samples, with the reason.
-        other: (k,) values of all columns beside friction; that of a refused one means nothing by itself.
+        linear: (p,) of the law; shape: (s,) its nonlinear unknowns; bristles: what a law with a state
+            remembers with; other: (k,) values of all columns beside friction. Together they predict torques
+            of motions like those fitted; that of a refused one means nothing by itself.
+        covariance: of (linear, shape, other), row by row; zero in directions that are not identifiable.
         objective: J, (N m)^2 or N^2; sigma: standard deviation of the residual, N m or N.
         samples: M, rows of the fit.
-        evaluations: of J; outcome: how the search ended.
+        evaluations: of J; solves: linear problems; iterations: or generations.
+        outcome: how the search ended; ended: the stop rule in words.
+        aicc, bic: information criteria; condition: of the column-scaled Jacobian.
+        history: the least objective after each iteration or generation.
         notices: warnings.
     """
 
@@ -253,26 +259,6 @@ class LawFit:
     evaluations: int
     outcome: Ending
     notices: tuple[Notice, ...] = field(default=(), metadata=HIDDEN)
-
-    def get_value(self, name: str) -> float | None:
-        """Return the value of a parameter; None where it has none."""
-        return {entry.name: entry.value for entry in (*self.parameters, *self.extra)}.get(name)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FrictionEstimate(LawFit):
-    """The fit of a law.
-
-    Args:
-        estimator: its name; `settings` the options and counts of the search.
-        linear: (p,) of the law; shape: (s,) its nonlinear unknowns; bristles: what a law with a state
-            remembers with. With `other` they predict torques of motions like those fitted.
-        covariance: of (linear, shape, other), row by row; zero in directions that are not identifiable.
-        solves: linear problems solved; iterations: or generations; ended: the stop rule in words.
-        aicc, bic: information criteria; condition: of the column-scaled Jacobian.
-        history: the least objective after each iteration or generation.
-    """
-
     estimator: str
     linear: tuple[float, ...] = field(metadata=HIDDEN)
     shape: tuple[float, ...] = field(metadata=HIDDEN)
@@ -286,6 +272,10 @@ class FrictionEstimate(LawFit):
     condition: float
     history: tuple[float, ...] = field(default=(), metadata=HIDDEN)
     settings: tuple[tuple[str, float | int | str], ...] = field(default=(), metadata=HIDDEN)
+
+    def get_value(self, name: str) -> float | None:
+        """Return the value of a parameter; None where it has none."""
+        return {entry.name: entry.value for entry in (*self.parameters, *self.extra)}.get(name)
 
 
 class FrictionSearch(NamedTuple):

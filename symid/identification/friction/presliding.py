@@ -40,7 +40,7 @@ from symid.identification.friction import joint_fit
 from symid.identification.friction.joint_fit import FrictionEstimate, FrictionSamples
 from symid.identification.judge import POLICY, compute_changes, compute_variance, numerics
 from symid.ipopt import Ending
-from symid.joint_models import FrictionLaw, compute_clamps, find_turns, name_bristles
+from symid.joint_models import FrictionLaw, compute_clamps, find_turns, list_state_parameters, name_bristles
 
 MEMORY_LAWS = ("dahl", "maxwell-slip", "lugre", "generalised-maxwell-slip")
 """Laws with a state among which `auto` chooses, from plain to rich; with an offset where there is one."""
@@ -347,12 +347,11 @@ def fit_memory(samples: FrictionSamples, law: FrictionLaw) -> MemoryFit:
         len(samples.rows.torque),
         len(law.memory) > 1 and not law.elements,
     )
-    most = _NODES if law.elements else 1
-    unknowns = most + len(law.linear) + len(law.shape) + damped + samples.rows.extra.shape[1]
+    lengths, exponents = _NODES if law.elements else 1, _EXPONENTS if law.shape else _EXPONENTS[:1]
+    unknowns = lengths + len(law.linear) + len(law.shape) + damped + samples.rows.extra.shape[1]
     if count <= unknowns:
         text = f"joint {samples.joint!r}: {count} samples are too few for {unknowns} unknowns of {law.name!r}"
         raise IdentifiabilityError(Notice(code="friction.few-rows", text=text))
-    lengths, exponents = _NODES if law.elements else 1, _EXPONENTS if law.shape else _EXPONENTS[:1]
     trials, held = [], lengths if law.elements else 0
     for exponent in exponents:
         whole = MemoryProblem(
@@ -384,7 +383,7 @@ def fit_memory(samples: FrictionSamples, law: FrictionLaw) -> MemoryFit:
 def _build_fit(problem: MemoryProblem, shape: FloatArray, tried: int) -> MemoryFit:
     samples, rows, found = problem.samples, problem.samples.rows, problem.fit(shape)
     law, linear = problem.law, problem.list_values(found.linear, shape)[0]
-    if not linear[_names(law).index("Fc")] > 0.0:
+    if not linear[[entry.name for entry in law.linear].index("Fc")] > 0.0:
         text = (
             f"joint {samples.joint!r}: these samples show no dry friction with the hysteresis of {law.name!r}"
         )
@@ -469,14 +468,11 @@ def _write_estimate(
     mixing[: p + s, : p + s] = law.mixing
     stds = np.where(np.abs(mixing) @ vague > 0.0, np.inf, compute_variance(moves @ mixing.T) ** 0.5)
     own, rest = stds[: p + s], stds[p + s :]
-    size = len(bristles) // len(law.memory)
-    memory = [
-        (f"{entry.name}{k + 1 if law.elements else ''}", entry) for entry in law.memory for k in range(size)
-    ]
-    entries = [(entry.name, entry) for entry in law.physical] + memory
-    numbers = [*physical, *bristles]
+    memory = list_state_parameters(law, len(bristles) // len(law.memory))[: len(bristles)]
+    entries, numbers = [*law.physical, *memory], [*physical, *bristles]
     parameters, refused = list[ParameterEstimate](), dict[str, str]()
-    for (name, entry), value, std in zip(entries, numbers, [*own.tolist(), *rest.tolist()], strict=False):
+    for entry, value, std in zip(entries, numbers, [*own.tolist(), *rest.tolist()], strict=False):
+        name = entry.name
         unit = entry.unit_prismatic if samples.prismatic else entry.unit
         reason = "one of 1, 2" if name == "gamma" else "zero: none is seen" if value == 0.0 else ""
         sure = 100.0 * std <= POLICY.uncertain * abs(value)
@@ -533,17 +529,15 @@ _NEEDS = {
 """What values need to be identified, where their deviation is large; elements share what they carry."""
 
 
-def _names(law: FrictionLaw) -> list[str]:
-    return [entry.name for entry in law.linear]
-
-
 def simulate_presliding(samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate) -> FloatArray:
     """Return the friction (N,), N m or N, of an estimate with a state along the samples.
 
     What bristles remember where a recording begins is what its rows choose.
     """
-    named = dict(zip(_names(law), estimate.linear, strict=True))
-    bent = dict(zip([entry.name for entry in law.shape], estimate.shape, strict=True))
+    named, bent = (
+        dict(zip([entry.name for entry in entries], values, strict=True))
+        for entries, values in ((law.linear, estimate.linear), (law.shape, estimate.shape))
+    )
     memory, coulomb = name_bristles(law, estimate.bristles), named["Fc"]
     stiffness, damping = np.array(estimate.bristles[:1]), memory.get("sigma1", ())
     lengths, linear = coulomb / stiffness, [coulomb, *damping]

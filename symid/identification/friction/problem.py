@@ -20,9 +20,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays, compute_triangle
+from symid.arrays import FloatArray, FrozenArrays
 from symid.errors import IdentifiabilityError, Notice, UsageError
-from symid.identification.friction.joint_fit import FrictionSamples, FrictionSearch, compute_sensitivities
+from symid.identification.friction.joint_fit import FrictionSamples, FrictionSearch
 from symid.identification.judge import numerics
 from symid.ipopt import Ending
 from symid.joint_models import FrictionLaw, compute_column_derivatives
@@ -118,21 +118,6 @@ class FrictionProblem(FrozenArrays):
     def eliminate(self, columns: FloatArray) -> FloatArray:
         """Return columns behind R (M, c), or one of them (M,), less their parts in those beside friction."""
         return columns - self.basis @ (self.basis.T @ columns)
-
-    def solve_beside(self, linear: Sequence[float] | FloatArray, shape: Sequence[float]) -> FloatArray:
-        """Return the factors (k,) of the columns beside friction, of least norm in scaled columns."""
-        beside = self.samples.beside
-        rest = self.samples.rows.torque - self.samples.pass_law(self.law, shape) @ np.asarray(linear)
-        return np.asarray(beside.factors @ (beside.basis.T @ rest))
-
-    def condense_sensitivities(self, linear: Sequence[float], shape: Sequence[float]) -> FloatArray:
-        """Return p + s + r rows with the lengths and angles of the columns of `compute_sensitivities`."""
-        beside = self.samples.beside
-        own = compute_sensitivities(self.samples, self.law, linear, shape)[:, : len(linear) + len(shape)]
-        inside = beside.basis.T @ own
-        rest = compute_triangle(own - beside.basis @ inside)
-        below = np.zeros((len(rest), beside.parts.shape[1]))
-        return np.vstack([np.hstack([inside, beside.parts]), np.hstack([rest, below])])
 
 
 def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionOptions) -> FrictionProblem:

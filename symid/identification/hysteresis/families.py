@@ -92,7 +92,7 @@ class ElementPath(FrozenArrays):
             return np.concatenate([part.compute_plays(radii) for part in self.split()])
         return joint_models.compute_plays(self.position, radii, begin - side * radii)
 
-    def trace(self, branch: joint_models.SteppedBranch) -> FloatArray:
+    def trace(self, branch: joint_models.Branch) -> FloatArray:
         """Return the states (N, n) of a branch after every sample."""
         if self.begins[1:]:
             return np.concatenate([part.trace(branch) for part in self.split()])
@@ -181,29 +181,32 @@ class Stops(ElementFamily):
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SidedStops(ElementFamily):
-    """Stops on a grid, and a spring that is stiffer on one side of zero; none is such a spring alone."""
+    """Stops, and a spring that is stiffer on one side of zero, which holds up to `far`."""
 
-    count: int
+    stops: Stops
+    far: float
     name: str = "sided"
-    searched: bool = False
+
+    @property
+    def searched(self) -> bool:  # type: ignore[override]
+        return self.stops.searched
+
+    def describe(self) -> tuple[str, ...]:
+        return self.stops.describe()
 
     def list_starts(self, path: ElementPath) -> list[FloatArray]:
-        # Its branch must not slip: its threshold is far beyond the path.
-        far = float(np.max(np.abs(path.position))) / POLICY.relevance
-        return [np.append(path.list_lengths(self.count), far)]
+        return self.stops.list_starts(path)
 
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
-        x, plain = path.position, Stops(count=self.count)
-        sides = [np.maximum(x, 0.0), np.minimum(x, 0.0)]
-        return np.column_stack([plain.compute_columns(path, shape[:-1]), *sides])
+        # Both sides together are the linear spring.
+        sides = np.maximum(path.position, 0.0), np.minimum(path.position, 0.0)
+        return np.column_stack([*sides, self.stops.compute_columns(path, shape)[:, 1:]])
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
-        far, sides = float(shape[-1]), coefficients[-2:]
-        # What both sides share is the linear spring's.
-        both, up, down = (float(one) for one in (sides.min(), *(sides - sides.min())))
-        found = Stops(count=self.count).build(shape[:-1], coefficients[:-2])
-        side = joint_models.SlipSpring(deflections=(-far, 0.0, far), forces=(-far * down, 0.0, far * up))
-        return replace(found, stiffness=(found.stiffness or 0.0) + both, branches=(side,))
+        far, both = self.far, coefficients[:2].min()
+        up, down = (far * (coefficients[:2] - both)).tolist()
+        side = joint_models.SlipSpring(deflections=(-far, 0.0, far), forces=(-down, 0.0, up))
+        return replace(self.stops.build(shape, np.append(both, coefficients[2:])), branches=(side,))
 
 
 @final
@@ -241,15 +244,11 @@ class NonlinearStops(ElementFamily):
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
         """Return x, then hats over the deflection of every slip spring."""
         radii, falls = self._split(shape)
-        x, (begin, side), places = path.position[:, None], path.origin, np.array(self.places)
-        columns = [path.position]
-        # Bounds that move with the speed do not follow the position up and down.
-        turns = None if any(falls) else joint_models.find_turns(path.position)
-        for radius, free in zip(radii, self._free, strict=True):
-            low, high = (float(radius) / (1.0 + fall * np.abs(path.velocity[:, None])) for fall in falls)
-            memory = np.array([begin - float(radius) * side])
-            deflection = (x - joint_models.compute_clamps(x - high, x + low, memory, turns))[:, 0] / radius
-            columns += [np.interp(deflection, places, unit) for unit in np.eye(len(places))[free]]
+        columns, places = [path.position], np.array(self.places)
+        for radius, free in zip(radii.tolist(), self._free, strict=True):
+            slider = joint_models.SlipSpring(deflections=(-radius, radius), forces=(0.0, 0.0), falls=falls)
+            bend = (path.position - path.trace(slider)[:, 0]) / radius
+            columns += [np.interp(bend, places, unit) for unit in np.eye(len(places))[free]]
         return np.column_stack(columns)
 
     def list_limits(self, count: int, *, passive: bool) -> Limits:
@@ -295,13 +294,8 @@ class RelayGrid(ElementFamily):
         del shape
         relays = self._build(np.zeros(self.count * (self.count + 1) // 2))
         z = (path.position[:, None] - self.low) / self.step
-        begin, side = path.origin
-        pairs = np.array(relays.pairs)
-        rising, falling = (np.clip(z - pairs[:, k], 0.0, 1.0) for k in (0, 1))
-        state = np.array(relays.start(joint_models.build_float_carrier(), begin, side))
-        states = joint_models.compute_clamps(rising, falling, state, joint_models.find_turns(path.position))
-        middles = np.clip(z - 0.5 * pairs.sum(axis=1), 0.0, 1.0)
-        return np.hstack([np.clip(z - np.arange(self.count), 0.0, 1.0), middles - states])
+        middles = np.clip(z - 0.5 * np.array(relays.pairs).sum(axis=1), 0.0, 1.0)
+        return np.hstack([np.clip(z - np.arange(self.count), 0.0, 1.0), middles - path.trace(relays)])
 
     def list_limits(self, count: int, *, passive: bool) -> Limits:
         """Return bounds: relays brake."""
@@ -570,6 +564,8 @@ def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[Element
     grid = tuple(path.list_lengths(GRID).tolist())
     places = tuple(np.linspace(-1.0, 1.0, GRID + 1).tolist())
     low, step = float(path.position.min()), 2.0 * path.reach / GRID
+    # A branch that must not slip: its threshold is far beyond the path.
+    far = float(np.max(np.abs(path.position))) / POLICY.relevance
     forms: dict[str, tuple[ElementFamily, ...]] = {
         "prandtl-ishlinskii": (
             *(Stops(count=count, searched=True) for count in (0, 2, 3)),
@@ -579,6 +575,10 @@ def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[Element
             NonlinearStops(places=places, count=1),
             NonlinearStops(places=places, count=1, falling=True, needs_time=True),
             NonlinearStops(places=places, count=2),
+        ),
+        "sided": (
+            *(SidedStops(stops=Stops(count=count, searched=count > 0), far=far) for count in (0, 2)),
+            SidedStops(stops=Stops(count=GRID), far=far),
         ),
         "krasnoselskii-pokrovskii": (RelayGrid(count=GRID, low=low, step=step),),
         "bouc-wen": (BoucWenFamily(), BoucWenFamily(asymmetric=True)),

@@ -11,7 +11,7 @@ x, y, t -> `HysteresisRecord`.
     deviations  jackknife over the parts
 
 Supported: uneven samples; a start from rest or either side; one recording, several for springs of joints.
-Not supported: relays and nonlinear stops of several recordings; outputs noisier than they are large.
+Not supported: outputs noisier than they are large.
 """
 
 import itertools
@@ -801,12 +801,12 @@ def choose_spring(
     whole = ElementData(path=path, output=output, kept=kept)
     data = whole.thin(SAMPLES)
     task = _Task(data=data, passive=True, timed=True)
+    loops, sided = (families.list_families(name, data.path, timed=True) for name in ("bouc-wen", "sided"))
     tried: tuple[families.ElementFamily, ...] = (
         families.Stops(count=0, name="linear"),
-        families.BoucWenFamily(),
-        families.BoucWenFamily(asymmetric=True),
         families.Stops(count=GRID, name="stops"),
-        *(families.SidedStops(count=count) for count in (0, GRID)),
+        *loops,
+        *(family for family in sided if not family.searched),
     )
     trials = [_fit_form(ElementForm(family=family), task, family.list_starts(data.path)) for family in tried]
 

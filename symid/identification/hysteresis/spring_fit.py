@@ -200,11 +200,6 @@ class SpringData:
         return SpringWeights(thresholds=self.thresholds, stiffness=stiffness, knees=none, slopes=none)
 
 
-def thin_samples(values: FloatArray, keep: slice) -> FloatArray:
-    """Return the samples of `values` (N, ...) on the grid of `keep`, also those before its start."""
-    return values[thin_to(keep)]
-
-
 def thin_to(keep: slice) -> slice:
     """Return the samples on the grid of `keep`, also those before its start."""
     return slice(keep.start % keep.step, None, keep.step)
@@ -274,7 +269,7 @@ def _evaluate_spring(
     """Return a spring, its knees held away from zero, its full stop bases, and cost |target - F[tau_J]|^2."""
     bases = tuple(compute_stop_basis(phi, weights.thresholds) for phi in data.torsions)
     weights = replace(weights, knees=hold_knees(weights.knees, *measure_reach(bases, weights)[1:]))
-    thin = map(thin_samples, bases, data.keeps)
+    thin = (basis[thin_to(keep)] for basis, keep in zip(bases, data.keeps, strict=True))
     errors = target - filter_parts(data, [compute_outer(basis, weights) for basis in thin])
     return weights, bases, float(errors @ errors)
 
@@ -290,8 +285,8 @@ def _compute_jacobian(data: SpringData, bases: Sequence[FloatArray], weights: Sp
     """Return F of `compute_spring_slopes` by all numbers at the rows, of full stop bases."""
     parts = []
     for whole, keep in zip(bases, data.keeps, strict=True):
-        slips = thin_samples(compute_slips(whole, weights.thresholds), keep)
-        parts.append(compute_spring_slopes(thin_samples(whole, keep), weights, slips))
+        slips = compute_slips(whole, weights.thresholds)[thin_to(keep)]
+        parts.append(compute_spring_slopes(whole[thin_to(keep)], weights, slips))
     return filter_parts(data, parts)
 
 
@@ -425,7 +420,7 @@ def _thin_data(data: SpringData, target: FloatArray) -> tuple[SpringData, FloatA
     torsions, keeps, periods, parts, at = [], [], [], [], 0
     every = max(1, len(target) // SAMPLES)
     for phi, keep, period in zip(data.torsions, data.keeps, data.periods, strict=True):
-        rows = len(thin_samples(phi, keep)) - keep.start // keep.step
+        rows = len(phi[thin_to(keep)]) - keep.start // keep.step
         stride = keep.step * (every // 2 if every % 2 == 0 else 1)
         first = keep.start % stride
         torsions.append(np.ascontiguousarray(phi[first::stride]))

@@ -13,7 +13,8 @@ and Newton), until shape values stay. Of the identifiable laws the plainest is t
 predicts better than on stretches left out (`judge.measure_inferiority`).
 
 Where a fit with a stated law leaves out slow rows, they may contradict more than themselves: a law with more
-friction in slow motion is tried, and how far it moves the values of friction is an error of the model.
+friction in slow motion is tried as well. Neither may surely predict better: how far each of them moves the
+values of friction is, by its weight, an error of the model (Buckland, Burnham and Augustin 1997).
 
 Where the load of a joint was measured behind its gear, its law is chosen from the torque of the motor less
 the load: X_j x are then torques of rotors, and what the model of the links lacks is in neither.
@@ -116,6 +117,11 @@ class Trial(NamedTuple):
         return self.law.about if isinstance(self.law, TangentLaw) else self.node.shape
 
 
+def _find_braking(law: FrictionLaw) -> list[int]:
+    """Return which linear parameters of a law drive the joint where they are negative."""
+    return [place for place, entry in enumerate(law.linear) if is_braking(entry.name)]
+
+
 def _try_laws(table: JointTable, schur: FloatArray, left: FloatArray) -> list[Trial]:
     """Return a trial of every law of a table; S and Q are sums over the other joints, in its weight."""
     p, size = table.shared, table.grams.shape[1]
@@ -137,7 +143,10 @@ def _try_laws(table: JointTable, schur: FloatArray, left: FloatArray) -> list[Tr
         right = inner[:, places, -1]
         linear = _solve(matrix, right[..., None])[..., 0]
         losses = inner[:, -1, -1][:, None] - np.sum(right * linear, axis=2)
-        best = np.argmin(losses, axis=1)
+        # Friction that drives its joint imitates something else, where shape values without it are at hand.
+        brakes = ~np.any(linear[:, :, _find_braking(nodes[0].law)] < 0.0, axis=2)
+        kept = brakes | ~brakes.any(axis=1)[:, None]
+        best = np.argmin(np.where(kept, losses, np.inf), axis=1)
         # [-x -c 1] of each training set.
         factors = np.zeros((len(sets), size))
         factors[:, -1] = 1.0
@@ -207,10 +216,7 @@ def choose_trial(trials: Sequence[Trial]) -> Choice:
 
     def rank(trial: Trial) -> tuple[bool, int]:
         """Return whether friction of a law drives its joint, and the number of its shape values."""
-        names = (entry.name for entry in trial.law.linear)
-        driving = any(
-            is_braking(name) and value < 0.0 for name, value in zip(names, trial.linear, strict=True)
-        )
+        driving = bool(np.any(trial.linear[_find_braking(trial.law)] < 0.0))
         return driving, len(trial.law.about if isinstance(trial.law, TangentLaw) else trial.law.shape)
 
     taken, best, chances = choose_plainest(
@@ -312,6 +318,14 @@ def _approach(trial: Trial, speeds: FloatArray) -> tuple[FrictionLaw, tuple[floa
     return trial.law, trial.node.shape
 
 
+def _read_values(trial: Trial, speeds: FloatArray) -> FrictionValues:
+    """Return the law of a trial with its values, those of the shape after its last step."""
+    law, shape = _approach(trial, speeds)
+    if isinstance(law, TangentLaw):
+        return FrictionValues(law=law.name, values=law.values, shape=law.about)
+    return FrictionValues(law=law.name, values=tuple(trial.linear.tolist()), shape=shape)
+
+
 def _stays(trial: Trial, speeds: FloatArray) -> bool:
     """Return whether shape values moved by less than matters, or do not move."""
     law, _ = _approach(trial, speeds)
@@ -334,11 +348,15 @@ CANDIDATES = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class JointLaw:
-    """The friction of a joint, and how its law was chosen: None where it hardly moves, or keeps its law."""
+    """The friction of a joint, and how its law was chosen: None where it hardly moves, or keeps its law.
+
+    `tried` are all laws with their values and weights, of sum one, by the chances that they predict best.
+    """
 
     joint: str
     friction: FrictionValues
     selection: LawSelection | None = None
+    tried: tuple[tuple[FrictionValues, float], ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -419,19 +437,20 @@ def choose_laws(
     search = search_laws(tabulate, wanted, speeds)
     found = []
     for joint, (card, trial, wish) in enumerate(zip(library.card.joints, search.taken, wishes, strict=True)):
-        law, shape = _approach(trial, speeds[joint])
-        values = tuple(trial.linear.tolist())
-        friction = FrictionValues(law=law.name, values=values, shape=shape)
+        friction = _read_values(trial, speeds[joint])
         if isinstance(wish, FrictionValues):
-            friction = replace(wish, values=values)
-        elif isinstance(law, TangentLaw):
-            friction = replace(friction, values=law.values, shape=law.about)
+            friction = replace(wish, values=friction.values)
         selection: LawSelection | None = None
+        chances, trials = search.choices[joint].chances, search.trials[joint]
+        weights = chances / max(float(chances.sum()), numerics.TINY)
+        tried = [
+            (_read_values(one, speeds[joint]), w) for one, w in zip(trials, weights.tolist(), strict=True)
+        ]
         if free[joint]:
             what = "the motor's torque less the load" if motion.measured[joint] else "the torque"
-            tried = search.tables[joint], search.trials[joint], search.choices[joint]
-            selection = describe_choice(*tried, f"{what} in motion", card.torque_unit)
-        found.append(JointLaw(joint=card.name, friction=friction, selection=selection))
+            given = search.tables[joint], trials, search.choices[joint]
+            selection = describe_choice(*given, f"{what} in motion", card.torque_unit)
+        found.append(JointLaw(joint=card.name, friction=friction, selection=selection, tried=tuple(tried)))
     motion = friction_tables.load_joints(motion, search.shared)
     notices, beta = _judge_loads(motion, found, search.nodes), search.shared[: len(library.card.beta)]
     return FrictionChoice(joints=tuple(found), beta=beta, motion=motion, notices=notices)
@@ -484,37 +503,43 @@ def measure_law_errors(
     slow: Sequence[bool],
     values: FloatArray,
 ) -> tuple[FloatArray, tuple[Notice, ...]]:
-    """Return how far another law moves the values of friction (n, p) of each joint, and notices.
+    """Return how far laws move the values of friction, rows (k, p) that add up as squares, and notices.
 
     Where `slow` rows (n,) contradict a law, and were left out, what they contradict may reach into the rows
-    that were kept. A law with more friction in slow motion is fitted to both; where it predicts surely better
-    on stretches left out, its values differ from `values` (p,) by an error of the model.
+    that were kept. The law and one with more friction in slow motion are fitted to all rows in motion; each
+    counts as often as it would predict best, so that the difference between laws that predict alike is a part
+    of the uncertainty of the `values` (p,).
     """
-    card, found, notices = library.card, np.zeros((library.card.size, len(values))), []
+    card, found, notices = library.card, list[FloatArray](), list[Notice]()
     wishes: list[Wish] = []
     for joint, doubted in zip(card.joints, slow, strict=True):
         bent = _BENT.get(joint.friction)
         plain = FrictionValues() if joint.friction == NO_FRICTION else (PLAIN,)
         wishes.append((joint.friction, bent) if bent and doubted else plain)
     if not any(len(wish) > 1 for wish in wishes if not isinstance(wish, FrictionValues)):
-        return found, ()
+        return np.zeros((0, len(values))), ()
     choice = choose_laws(library, recordings, processing, gears=[1.0] * card.size, wishes=wishes)
-    for place, (joint, law) in enumerate(zip(card.joints, choice.joints, strict=True)):
-        if law.friction.law != _BENT.get(joint.friction) or law.selection is None:
+    for joint, law in zip(card.joints, choice.joints, strict=True):
+        if law.selection is None or len(law.tried) < 2:
             continue
-        pairs = zip(get_law(law.friction.law).linear, law.friction.values or (), strict=True)
-        own = {join_name(entry.name, joint.number): value for entry, value in pairs}
-        # A law that drives its joint imitates something else.
-        if any(is_braking(name) and value < 0.0 for name, value in own.items()):
-            continue
-        moved = {k: entry.name for k, entry in enumerate(card.fitted) if entry.name in own}
-        found[place, list(moved)] = [own[name] - values[k] for k, name in moved.items()]
-        text = (
-            f"joint {joint.name!r}: in slow motion, too, {law.selection.verdict} The standard deviations of "
-            f"{', '.join(moved.values())} include the change by that law; --friction auto takes it"
-        )
-        notices.append(Notice(code="identify.friction-law", text=text))
-    return found, tuple(notices)
+        for friction, weight in law.tried:
+            pairs = zip(get_law(friction.law).linear, friction.values or (), strict=True)
+            own = {join_name(entry.name, joint.number): value for entry, value in pairs}
+            # A law that drives its joint imitates something else.
+            if any(is_braking(name) and value < 0.0 for name, value in own.items()):
+                continue
+            moved = {k: entry.name for k, entry in enumerate(card.fitted) if entry.name in own}
+            error = np.zeros(len(values))
+            error[list(moved)] = [math.sqrt(weight) * (own[name] - values[k]) for k, name in moved.items()]
+            found.append(error)
+            if friction.law == law.friction.law != joint.friction:
+                text = (
+                    f"joint {joint.name!r}: in slow motion, too, {law.selection.verdict} The standard "
+                    f"deviations of {', '.join(moved.values())} include the change by that law; --friction "
+                    "auto takes it"
+                )
+                notices.append(Notice(code="identify.friction-law", text=text))
+    return np.array(found).reshape(-1, len(values)), tuple(notices)
 
 
 def compare_friction(choice: FrictionChoice, fitted: Mapping[str, FrictionValues]) -> tuple[Notice, ...]:

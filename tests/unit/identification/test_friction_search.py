@@ -1,17 +1,19 @@
 """Friction laws that were chosen stay only where they predict the whole robot as well as the plain law."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import scipy
 
 import symid
+from symid.identification import rigid
 from symid.identification.estimators.estimate import LawSelection
 from symid.identification.friction_search import _give_up_worse, _Result, _take_deviations
-from symid.identification.rigid import PLAIN, FrictionChoice
+from symid.identification.rigid import PLAIN, FrictionChoice, friction_choice
 from symid.identification.rigid.friction_choice import JointLaw, Trial, choose_plainest, choose_trial
-from symid.joint_models import FrictionValues, get_law
+from symid.joint_models import FrictionValues, compute_columns, get_law
 from tests.estimates import build_estimate
 
 NAMES = {"shoulder": "auto", "elbow": "auto"}
@@ -131,6 +133,64 @@ def test_the_plainest_of_many_is_taken_at_the_rate_that_the_level_says():
     # A better one is found, and of those as good the plainest.
     losses[7:] *= 0.8
     assert choose_plainest(losses, [1, *range(21, 1, -1)], [0] * 21).taken == 20
+
+
+@pytest.mark.parametrize("bend", [0.15, 0.2, 0.3])
+def test_a_curve_whose_friction_drives_its_joint_gives_way_to_one_that_brakes(bend):
+    """A wide fall below zero, added to dry friction and taken away again, imitates any gentle curve."""
+    rng, law = np.random.default_rng(0), get_law("stribeck")
+    dq = rng.uniform(0.05, 1.0, 2400) * rng.choice((-1.0, 1.0), 2400)
+    size = 1.0 + 0.4 * np.exp(-((dq / 0.15) ** 2)) - bend * np.sin(np.pi * np.abs(dq)) ** 2
+    tau = np.sign(dq) * size + 0.3 * dq + 0.01 * rng.standard_normal(2400)
+    given = {"velocity": dq}, lambda columns: columns, np.zeros((2400, 0)), tau
+    parts, fold, speeds = np.array_split(np.arange(2400), 24), np.arange(24) // 4, np.abs(dq)
+
+    def tabulate(wanted, _):
+        return [rigid.tabulate_rows(wanted[0], *given, parts, fold)]
+
+    nodes = [(law, shape) for shape in rigid.list_shape_nodes(law, speeds)]
+    free = [np.linalg.lstsq(compute_columns(law, given[0], shape), tau, None) for _, shape in nodes]
+    assert min(free, key=lambda fit: fit[1])[0][0] < 0.0 or bend < 0.2
+    ((trial,),) = rigid.search_laws(tabulate, [nodes], [speeds]).trials
+    assert np.all(trial.linear[:3] > 0.0)
+    assert trial.shape[0] == pytest.approx(0.15, rel=1.0)
+
+
+@pytest.mark.parametrize(
+    ("chances", "bent", "moved"),
+    [
+        # Values of the law and of another, by name; what is added to the variances of Fc and Fv of joint 1.
+        ((0.0, 1.0), (0.7, 1.2, 0.5), (0.04, 0.09)),
+        ((1.0, 1.0), (0.7, 1.2, 0.5), (0.5 * 0.01 + 0.5 * 0.04, 0.5 * 0.09)),
+        ((1.0, 0.25), (0.7, 1.2, 0.5), (0.8 * 0.01 + 0.2 * 0.04, 0.2 * 0.09)),
+        # A law that drives its joint says nothing.
+        ((0.0, 1.0), (-0.7, 1.2, 0.5), (0.0, 0.0)),
+    ],
+)
+def test_laws_that_predict_alike_all_count_in_the_deviations(monkeypatch, chances, bent, moved):
+    cards = [
+        SimpleNamespace(name=name, number=k, friction="coulomb-viscous") for k, name in enumerate(NAMES, 1)
+    ]
+    fitted = [SimpleNamespace(name=f"{name}{k}") for k in (1, 2) for name in ("ZZ", "Fv", "Fc")]
+    library, joints = SimpleNamespace(card=SimpleNamespace(joints=cards, fitted=fitted, size=2)), []
+    selection = LawSelection(trials=(), chosen="stribeck", verdict="It was.", blocks=10)
+    weights = [chance / sum(chances) for chance in chances]
+    for joint in cards:
+        laws = (
+            FrictionValues(law="coulomb-viscous", values=(1.0, 1.1)),
+            FrictionValues(law="stribeck", values=bent, shape=(0.1,)),
+        )
+        taken = laws[weights.index(max(weights))]
+        tried = tuple(zip(laws, weights, strict=True))[: 2 if joint.name == "shoulder" else 1]
+        joints.append(JointLaw(joint=joint.name, friction=taken, selection=selection, tried=tried))
+    made = FrictionChoice(joints=tuple(joints), beta=np.zeros(6), motion=None)
+    monkeypatch.setattr(friction_choice, "choose_laws", lambda *_, **__: made)
+    values = np.ones(len(fitted))
+    errors, notices = friction_choice.measure_law_errors(library, (), None, [True, False], values)
+    added = dict(zip((entry.name for entry in fitted), np.sum(errors**2, axis=0), strict=True))
+    assert (added.pop("Fc1"), added.pop("Fv1")) == pytest.approx(moved)
+    assert not any(added.values())
+    assert [one.code for one in notices] == ["identify.friction-law"] * (weights[1] > 0.5 and bent[0] > 0.0)
 
 
 def test_values_that_stay_get_the_deviations_of_the_columns_about_them():
