@@ -192,8 +192,8 @@ class _Problem(NamedTuple):
         if study is None:
             return starts
         if self.robot.free_gravity:
-            found = diagnostics.estimate_gravity(library, study.logs.motion, robot, study.logs.fold).direction
-            found = np.append(found, where[3:])
+            logs = diagnostics.FollowedLogs.follow(library, study.logs.motion, study.logs.fold)
+            found = np.append(diagnostics.estimate_gravity(logs, robot).direction, where[3:])
             hidden = self.find_seen(robot, library, found).hidden
             # Zeros that are off may look like gravity, up to its sign.
             starts = [found, where, -found] if self.robot.free_zeros else [found]

@@ -58,19 +58,24 @@ def collect_evidence(
         runs = np.unique(logs.log).tolist()
         others = [logs.fit(study.sums, study.classes, logs.log != run, study.fit.weights) for run in runs]
         folds = np.stack([entry.values for entry in others])[logs.log]
-    motion = logs.motion
-    gravity = None
+    motion, gravity = logs.motion, None
+    followed = diagnostics.FollowedLogs.follow(library, motion, logs.fold)
     # Not where gravity is a part of the fit itself.
     if robot is not None and library.tangents is None:
-        gravity = diagnostics.estimate_gravity(library, motion, robot, logs.fold)
-        differs = gravity.difference.verdict is Agreement.DIFFERENT
-        turned = diagnostics.suspect_gravity(gravity, motion)
-        better = differs and diagnostics.is_confirmed(library, motion, logs.fold, turned)
-        tests += (build_gravity_test(gravity, better=better),)
+        found = diagnostics.estimate_gravity(followed, robot)
+        turn, spread = np.degrees(found.turn), np.degrees(found.deviation)
+        test = build_test("gravity", "", f"{turn:.3g} degrees +- {spread:.2g}", found.difference)
+        # Another direction that predicts no better may stand for a zero that is off; one that is not sure, or
+        # too small to matter, for anything that a joint with little torque lacks.
+        if found.difference.verdict is Agreement.DIFFERENT:
+            gravity = diagnostics.suspect_gravity(found, motion)
+            if not followed.confirm(gravity):
+                test = replace(test, verdict=Agreement.OPEN.value)
+        tests += (test,)
     impossible = list_impossible(library, study, motion, fit, whole=whole)
     fastest = (np.abs(part).max(axis=0) for part in (motion.dq, motion.ddq))
     ranges = [part.tolist() for part in (motion.q.min(axis=0), motion.q.max(axis=0), *fastest)]
-    found = estimators.Evidence(
+    evidence = estimators.Evidence(
         joints=list_joints(study, fit.values, folds, names),
         scoring=study.choice.scoring,
         stretches=int(logs.fold.max()) + 1,
@@ -82,11 +87,24 @@ def collect_evidence(
         period=logs.repeats,
         covered=tuple(estimators.JointRange(*row) for row in zip(names, *ranges, strict=True)),
     )
-    causes = list_causes(library, study, motion, found, gravity, transmission)
-    scales = compare_fit(library, study, fit)
+    causes: tuple[estimators.Cause, ...] = ()
+    odd = bool(impossible) or evidence.unexplained > 100.0 * POLICY.relevance
+    odd |= any(entry.held_out > POLICY.usable for entry in evidence.joints)
+    odd |= any(entry.verdict == Agreement.DIFFERENT.value for entry in tests)
+    # All is tried where something is odd, or gravity differs.
+    if odd or gravity is not None:
+        every = [] if gravity is None else [gravity]
+        every += diagnostics.suspect_logs(followed)
+        every += diagnostics.list_mistakes(followed, transmission)
+        every += diagnostics.list_terms(followed, study.fit.values)
+        causes = diagnostics.find_causes(followed, every, impossible=bool(impossible))
     # No cause explains another scale: one factor on all torques leaves the residual as it is.
-    off = (build_scale_test(entry) for entry in scales if entry.is_beyond())
-    return replace(found, causes=causes, tests=(*tests, *off))
+    for entry in compare_fit(library, study, fit):
+        if entry.is_beyond():
+            size = abs(entry.ratio - 1.0)
+            differs = judge.Difference(size=size, bound=size, p=0.0)
+            tests += (build_test("scale", entry.joint, f"{entry.ratio:.3g} times", differs),)
+    return replace(evidence, causes=causes, tests=tests)
 
 
 def compare_fit(
@@ -96,52 +114,6 @@ def compare_fit(
     count, logs = len(library.card.beta), study.logs
     covariance = fit.covariance[:count, :count]
     return compare_scales(library.card, logs.columns[:, :, :count], fit.values[:count], covariance)
-
-
-def build_scale_test(found: JointScale) -> estimators.ConsistencyTest:
-    """Return the test of a joint whose torque has another scale than the robot file's values."""
-    part, size = f"{found.ratio:.3g} times", 100.0 * abs(found.ratio - 1.0)
-    verdict = Agreement.DIFFERENT.value
-    return estimators.ConsistencyTest(
-        what="scale", joint=found.joint, part=part, verdict=verdict, size=size, bound=size, p=0.0
-    )
-
-
-def build_gravity_test(found: diagnostics.GravityEstimate, *, better: bool) -> estimators.ConsistencyTest:
-    """Return what logs say of gravity's direction, against the robot file; sizes in percent of a radian.
-
-    It differs where that also predicts `better`: else what the model lacks may look like it.
-    """
-    turn, deviation = np.degrees(found.turn), np.degrees(found.deviation)
-    test = build_test("gravity", "", f"{turn:.3g} degrees +- {deviation:.2g}", found.difference)
-    open_still = test.verdict == Agreement.DIFFERENT.value and not better
-    return replace(test, verdict=Agreement.OPEN.value) if open_still else test
-
-
-def list_causes(  # noqa: PLR0917 - what was fitted, and what it is judged by
-    library: Library,
-    study: SettingsStudy,
-    motion: ThinMotion,
-    evidence: estimators.Evidence,
-    gravity: diagnostics.GravityEstimate | None,
-    transmission: FloatArray | None,
-) -> tuple[estimators.Cause, ...]:
-    """Return what explains the logs better: all is tried where something is odd, or gravity differs."""
-    odd = bool(evidence.impossible) or evidence.unexplained > 100.0 * POLICY.relevance
-    odd |= any(entry.held_out > POLICY.usable for entry in evidence.joints)
-    odd |= any(entry.verdict == Agreement.DIFFERENT.value for entry in evidence.tests)
-    # Another direction that predicts no better may stand for a zero that is off; one that is not sure, or too
-    # small to matter, for anything that a joint with little torque lacks.
-    differs = gravity is not None and gravity.difference.verdict is Agreement.DIFFERENT
-    if not odd and not differs:
-        return ()
-    turned = [diagnostics.suspect_gravity(gravity, motion)] if gravity is not None and differs else []
-    fold, impossible = study.logs.fold, bool(evidence.impossible)
-    mistakes = diagnostics.list_mistakes(library, motion, fold, transmission)
-    terms = diagnostics.list_terms(library, motion, study.fit.values)
-    apart = diagnostics.suspect_logs(library, motion, study.logs.log)
-    every = [*turned, *apart, *mistakes, *terms]
-    return diagnostics.find_causes(library, motion, fold, every, impossible=impossible)
 
 
 def list_joints(
