@@ -274,7 +274,7 @@ def _measure_losses(library: Library, recordings: Sequence[Recording], processin
     cutoff = processing.filter_cutoff or 0.4 / recordings[0].period
     bands = [band * 2.0**k for k in range(-regression.condensing.SCORING, 1)]
     logs = regression.CondensedLogs(library, recordings, processing, bands, cutoff)
-    return logs.measure_losses(logs.fit(logs.scores[1], [0] * library.card.size))
+    return logs.measure_losses(regression.fit_sums(logs.scores[1], [0] * library.card.size, logs.fold))
 
 
 def _list_chosen(robot: Robot, names: Mapping[str, str]) -> list[str]:

@@ -47,13 +47,9 @@ class TaskContext:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identification(Generic[Fit_co]):
-    """A fit, and what came with it.
+    """A fit, and what came with it: notices, those of the robot and its logs first, and the backend.
 
-    Args:
-        estimate: of base parameters, of dynamics and springs, or of friction.
-        notices: those of the robot and its logs first.
-        backend: what computed the robot's functions.
-        alignment: delay and offsets of the link encoders, where they were estimated.
+    `alignment`: delay and offsets of the link encoders, where they were estimated.
     """
 
     estimate: Fit_co
@@ -73,9 +69,8 @@ def identify_robot(
 ) -> Identification[Estimate | elastics.ElasticEstimate]:
     """Return the parameters of a robot, with the settings of the call, that explain its recordings best.
 
-    `pairs` are these settings, keys and values, which the robot has already; `options.friction` is a law that
-    is to be found, None where the robot has its laws, of its file or `named` by the call. Errors are those of
-    `RobotModel.identify`.
+    `pairs` are these settings, which the robot has already; `options.friction` is a law that is to be found,
+    None where the robot has its laws, of its file or `named` by the call.
     """
     estimator = options.estimator
     if any(robot.elastic):
@@ -212,12 +207,9 @@ def _compare_with_file(
     library: Library, robot: Robot, estimate: Estimate | elastics.ElasticEstimate
 ) -> tuple[Notice, ...]:
     """Return the warning on torques of another size than the robot file's values give."""
-    refused = {name for name, _ in estimate.refused}
-    known = {entry.name: entry.value for entry in estimate.parameters if entry.name not in refused}
-    places = [k for k, entry in enumerate(estimate.parameters) if entry.name in known]
-    table = [[estimate.covariance[k][j] for j in places] for k in places if estimate.covariance]
-    motion = estimate.motion if isinstance(estimate, Estimate) else ()
-    scales = rigids.compare_fit_scales(library, robot, [*known], [*known.values()], table, motion)
+    refused, motion = dict(estimate.refused), estimate.motion if isinstance(estimate, Estimate) else ()
+    fit = estimate.parameters, estimate.covariance, motion
+    scales = rigids.compare_fit_scales(library, robot, *fit, refused)
     return rigids.describe_scales(scales, robot.path, "identify.scale")
 
 
@@ -324,10 +316,7 @@ def build_elastic_graph(
 def identify_stiffness(
     robot: Robot, recordings: Recordings, pairs: Pairs, context: TaskContext
 ) -> "tuple[elastics.StiffnessEstimate, tuple[Notice, ...]]":
-    """Return the delay between the encoders, their offsets and the stiffness of every joint, with notices.
-
-    `pairs` and errors are those of `RobotModel.identify_stiffness`, whose robot has these settings already.
-    """
+    """Return the delay between the encoders, their offsets and the stiffness of every joint, with notices."""
     if any(robot.elastic):
         log_files.refuse_known_payloads(recordings, "a robot with elastic joints")
     elastics.check_settings(pairs, "stiffness")
@@ -343,10 +332,7 @@ def identify_stiffness(
 def identify_robot_friction(
     robot: Robot, recordings: Recordings, options: LawOptions, context: TaskContext
 ) -> Identification[frictions.FrictionIdentification]:
-    """Return the friction of every joint that the recordings move, of a robot with the settings of the call.
-
-    Errors are those of `RobotModel.identify_friction`.
-    """
+    """Return the friction of every joint that the recordings move, of a robot with the call's settings."""
     model = friction_search.read_joint_laws(options.model, robot, (frictions.AUTO,)) or frictions.AUTO
     if not all(regression.list_measured_joints(recordings)) or options.known is not None:
         log_files.refuse_known_payloads(recordings, "--rows friction")

@@ -301,12 +301,8 @@ def search_mounting(
 ) -> tuple[Estimate, Library]:
     """Return the estimate with gravity and zeros found, and the functions of the robot mounted so.
 
-    `prepare` returns the compiled functions of a robot.
-
-    Raises:
-        UsageError: an option of the call does not go with it.
-        IdentifiabilityError: no motion shows any of what is to be found; else as `identify_parameters`.
-        LogError: a payload is known.
+    `prepare` returns the compiled functions of a robot. An IdentifiabilityError where no motion shows any of
+    what is to be found; else errors as of `identify_parameters`.
     """
     if given.friction is not None:
         raise refuse_mounting(where="where friction laws are found as well")

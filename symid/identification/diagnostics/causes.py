@@ -61,13 +61,11 @@ TORQUE_SIGN, POSITION_SIGN = "log.torque-sign", "log.position-sign"
 class Hypothesis:
     """A mistake undone, or a term added.
 
-    Args:
-        code, cause, remedy: as in `Cause`; none is named where one without a cause explains as much.
-        family: of hypotheses that are one mistake in several sizes.
-        joints: numbers of those whose torque it touches, none for all.
-        motion: the logs as they would be; columns: (t, n, p) of the model along them, None to evaluate them.
-        sizes: (n,) squares of torque that losses are relative to, None for those of `motion`.
-        tried: number of sizes of which it is the best: one of so many explains more by chance.
+    `code`, `cause` and `remedy` as in `Cause`; none is named where one without a cause explains as much.
+    `family` of hypotheses that are one mistake in several sizes, `tried` of them; `joints` are those whose
+    torque it touches, none for all. `motion` the logs as they would be; `columns` (t, n, p) of the model
+    along them, None to evaluate them; `sizes` (n,) squares of torque that losses are relative to, None for
+    those of `motion`.
     """
 
     code: str
@@ -114,7 +112,7 @@ def evaluate_motion(library: Library, motion: ThinMotion) -> FloatArray:
 
 
 class FollowedLogs(NamedTuple):
-    """Thinned logs, the fold (b,) of each of their blocks, and the columns (t, n, p) of a model along them."""
+    """Thinned logs, the fold (b,) of each block, and the columns (t, n, p) of a model along them."""
 
     library: Library
     motion: ThinMotion
@@ -137,7 +135,7 @@ class FollowedLogs(NamedTuple):
         return fit_motion(columns, entry.motion, self.fold, entry.sizes)
 
     def confirm(self, hypothesis: Hypothesis) -> bool:
-        """Return whether held-out torque, too, speaks for a mistake that is sure otherwise, if ever so little."""
+        """Return whether held-out torque, too, speaks for a mistake that is sure, if ever so little."""
         base, found = fit_motion(self.columns, self.motion, self.fold), self.fit(hypothesis)
         return judge.compare(base.losses, found.losses).p_of_all < POLICY.caution
 
@@ -286,10 +284,7 @@ class JointShares(NamedTuple):
 
 
 def measure_shares(library: Library, motion: ThinMotion, columns: FloatArray, fit: BlockFit) -> JointShares:
-    """Return what inertia and friction of a fit do in `columns` (t, n, p) of a motion.
-
-    mean(M_jj ddq^2) / (rms(ddq) rms(tau)) and mean(tau_f dq) / (rms(dq) rms(tau)).
-    """
+    """Return what inertia and friction of a fit do in `columns` (t, n, p) of a motion, see `log_check`."""
     inertial, count, width = len(library.card.beta), columns.shape[1], columns.shape[2]
     # A fit may have terms behind the columns of the model.
     values, changes = fit.values[:width], fit.changes[:, :width]
@@ -405,10 +400,10 @@ def list_mistakes(logs: FollowedLogs, transmission: FloatArray | None = None) ->
             ("positions of", "[log.position]", (*_POSITION, "kept")),
             ("joints", "[log]", (*_POSITION, "kept", *_TORQUE)),
         )
-        for what, where, parts in swapped:
+        for what, where, channels in swapped:
             cause = f"the {what} {pair} are exchanged"
             remedy = f"correct the order of columns in {where}"
-            other = replace(motion, **{name: getattr(motion, name)[:, order] for name in parts})
+            other = replace(motion, **{name: getattr(motion, name)[:, order] for name in channels})
             yield Hypothesis("log.swapped-joints", f"{what} {pair}", cause, remedy, other, (first, second))
     yield from _list_sizes(logs, names)
 
@@ -495,7 +490,7 @@ def _list_sizes(logs: FollowedLogs, names: Sequence[str]) -> Iterator[Hypothesis
 def _search(
     logs: FollowedLogs, build: Callable[[float], ThinMotion], grid: FloatArray, joint: int | None = None
 ) -> float:
-    """Return the size whose motion leaves least squares: the best of a grid, and between its neighbours."""
+    """Return the size whose motion leaves least: the best of a grid, and between its neighbours."""
 
     def measure(size: float) -> float:
         other = build(size)

@@ -143,9 +143,8 @@ def sum_block_scores(
 ) -> tuple[FloatArray, int]:
     """Return sum_b F_b' e_b e_b' F_b (p, p) over blocks b of consecutive rows, and how many there are.
 
-    Between (F'F)^-1 on either side it is the clustered covariance, for noise that is correlated within
-    blocks (Liang and Zeger 1986). `design` is F (m, p), `errors` e (m,), `groups` (m,) the number of the
-    group of each row: each is cut into `blocks` at most, and no block has rows of two groups.
+    Between (F'F)^-1 on either side it is the clustered covariance (Liang and Zeger 1986). `design` is F (m,
+    p), `errors` e (m,), `groups` (m,) the number of the group of each row: each is cut into `blocks` at most.
     """
     total, count = np.zeros((design.shape[1], design.shape[1])), 0
     for group in np.unique(groups):
@@ -159,10 +158,7 @@ def sum_block_scores(
 
 
 def compute_block_deviations(rows: Rows, fit: RegressionFit, identifiability: Identifiability) -> FloatArray:
-    """Return standard deviations (p,) from the clustered covariance over blocks of each group's rows.
-
-    B G (sum_b F_b' e_b e_b' F_b) G B' with G = (F'F)^-1, F = A B.
-    """
+    """Return standard deviations (p,) from the clustered covariance over blocks of each group's rows."""
     found = measure_influence(rows, identifiability.basis, fit.weights, fit.residuals)
     total, _ = sum_block_scores(found.scores, found.residuals, rows.group, BLOCKS)
     return np.asarray(np.sqrt(np.maximum(np.diag(found.left @ total @ found.left.T), 0.0)))
@@ -227,10 +223,7 @@ def warn_of_poorly_identifiable(parameters: Sequence[ParameterEstimate]) -> tupl
 
 
 def warn_of_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> tuple[Notice, ...]:
-    """Return which logs begin or end in motion with nothing cut off there.
-
-    `processing` is the one used, its cut-off in Hz; see `measure_moving_ends`.
-    """
+    """Return which logs begin or end in motion with nothing cut off there; `processing` is the one used."""
     notices = []
     for recording in recordings:
         spoilt = measure_moving_ends(processing, [recording])

@@ -40,14 +40,11 @@ _ROUNDING = 1e-6
 class GravityEstimate:
     """The direction of gravity that explains a log best.
 
-    Args:
-        direction: (3,) gravity in the base frame in m/s^2, of the length that the file states.
-        turn: rad, from the file's direction, 0 where it states none.
-        deviation: rad, of what the log shows of the direction, by the jackknife over stretches.
-        difference: how the direction differs from the file's, in rad.
-        left, left_before: (n,) squares of torque that are left with it, and with the file's.
-        tau: (T, n) torques as they would be under the file's gravity: those of a stretch changed by the
-            parameters of the others.
+    `direction` (3,) is gravity in the base frame in m/s^2, of the length that the file states, `turn` (rad)
+    away from the file's, 0 where it states none; `deviation` (rad) of what the log shows, by the jackknife
+    over stretches, and `difference` from the file's. `left` and `left_before` (n,) are the squares of torque
+    that are left with it, and with the file's; `tau` (T, n) the torques as they would be under the file's
+    gravity: those of a stretch changed by the parameters of the others.
     """
 
     direction: FloatArray

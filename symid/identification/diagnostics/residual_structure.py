@@ -138,12 +138,9 @@ FAMILIES: dict[str, Family] = {
 class JointResidual:
     """The residual of one joint.
 
-    Args:
-        error: (m,) residual torque, weighted; plain: (m,) not weighted.
-        roots: (m,) of the weights, of mean square one.
-        model: (m, p) columns of the model, weighted.
-        blocks: (m,) number of the block of time of each row.
-        motions: of the logs, at full rate; rows are decimated, and one in `step` of them is taken.
+    `error` (m,) is weighted and `plain` (m,) is not, `roots` (m,) are those of the weights, of mean square
+    one; `model` (m, p) columns of the model, weighted; `blocks` (m,) number of the block of time of each row.
+    `motions` of the logs are at full rate; rows are decimated, and one in `step` of them is taken.
     """
 
     error: FloatArray
@@ -241,7 +238,7 @@ class ResidualFinding:
     """A family of functions, key of `FAMILIES`, that explains part of a joint's residual.
 
     `share_percent` is on held-out blocks, of the square of what the model's own columns leave of the residual
-    (of all of it for "other values"), `rms` the root mean square of what it explains, in `unit`.
+    (of all of it for "other values"), `rms` of what it explains, in `unit`.
     """
 
     joint: str
@@ -288,9 +285,8 @@ def analyse_residuals(
 ) -> tuple[tuple[ResidualFinding, ...], tuple[JointProfiles, ...]]:
     """Return the families that explain at least 5 % of a joint's squared residual, and its profiles.
 
-    `values` (p,) are base parameters and friction, in the order of the library's card; `weights` those of
-    each log's squared residuals, one if None. Where a joint's equations take more than `largest` bytes, one
-    row in some is used.
+    `values` (p,) are base parameters and friction; `weights` those of each log's squared residuals, one if
+    None. Where a joint's equations take more than `largest` bytes, one row in some is used.
     """
     residuals = compute_joint_residuals(
         values, library, recordings, processing, weights=weights, largest=largest
@@ -384,8 +380,7 @@ class BandResidual:
     """The residual of a model on a log within a band in Hz, of each joint that counts.
 
     `std` of `joints` is the root mean square, `range_percent` that over the range of the measured torque;
-    `stacked_percent` is the relative residual of all joints as one vector, None for one joint and
-    where units differ.
+    `stacked_percent` is of all joints as one vector, None for one joint and where units differ.
     """
 
     joints: tuple[Residual, ...]
@@ -404,12 +399,8 @@ def predict_torques(
 ) -> TorquePrediction:
     """Return measured and predicted torques of `recording`, both low-passed at `band` Hz.
 
-    `values` (p,) are base parameters and friction, in the order of the library's card. Of `processing` the
-    filter of the positions is used, chosen from the log if left open, and the samples cut at either end; half
-    a second of what is left does not count, at either end.
-
-    Raises:
-        LogError: the band does not fit the sample rate, or too little is left of the log.
+    `values` (p,) are base parameters and friction. Of `processing` the filter of the positions is used,
+    chosen from the log if left open, and the samples cut at either end.
     """
     processing = regression.choose_filters(processing, [recording]).processing
     resting = regression.list_resting_joints(recording)

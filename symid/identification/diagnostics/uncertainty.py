@@ -54,8 +54,7 @@ class Ellipse:
 def list_correlated(covariance: FloatArray, names: Sequence[str]) -> tuple[tuple[str, str, float], ...]:
     """Return (name, name, correlation r) of pairs of which one, if it were known, would fix the other.
 
-    The variance 1 - r^2 of the other falls `POLICY.fall` times then; the closest pair is first. The
-    correlation with a parameter that has no deviation is 0.
+    The variance 1 - r^2 of the other falls `POLICY.fall` times then; the closest pair is first.
     """
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     inverse = np.where(deviation > 0.0, 1.0 / np.where(deviation > 0.0, deviation, 1.0), 0.0)
@@ -179,8 +178,7 @@ def select_essential(
 ) -> Essential:
     """Return the model that is left when parameters below `level` deviations are dropped one by one.
 
-    Only identifiable parameters are dropped; the rows keep the weights of the fit. `freedom` says how the
-    variance of the noise is estimated, see `Processing.noise_freedom`.
+    Only identifiable parameters are dropped; the rows keep the weights of the fit.
     """
     identifiable = identifiability.identifiable
     candidates = np.flatnonzero(identifiable)
@@ -265,10 +263,7 @@ class Drift:
 
 
 def measure_drift(rows: regression.Rows, fit: RegressionFit, freedom: str = "band") -> Drift:
-    """Return the differences between the logs behind `rows`; none where there is only one.
-
-    `freedom` says how the variance of the noise is estimated, see `Processing.noise_freedom`.
-    """
+    """Return the differences between the logs behind `rows`; none where there is only one."""
     runs = tuple(int(run) for run in np.unique(rows.run))
     if len(runs) < 2:
         return Drift(runs=runs, changed=(), compared=0)

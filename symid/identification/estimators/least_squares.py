@@ -49,16 +49,14 @@ from symid.robot import Processing
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RegressionFit(FrozenArrays):
-    """A fit of parameters to rows.
+    """A fit of parameters `values` (p,) to rows, with their `covariance` (p, p).
 
     Args:
-        values: (p,) parameters; covariance: (p, p).
         residuals: (m,) y - A x, in the rows' units, whatever the weights; none of condensed rows.
         spent: (g,) rows that parameters take from each group: they say nothing of its noise.
         condition: of the column-scaled matrix, weighted where the fit is.
         weights: (m,) what the rows were multiplied by, of condensed rows (g,) each group.
-        notices: what a reader of the result should know of the fit.
-        report: what the estimator chose or reached, by name; plain numbers, texts and lists.
+        notices: on the fit; report: what the estimator chose or reached; plain numbers, texts and lists.
     """
 
     values: FloatArray
@@ -111,8 +109,8 @@ def fit_condensed(
 ) -> RegressionFit:
     """Return the fit of condensed rows in the observable directions `basis` (p, r), without residuals.
 
-    `weights` (g,) are those of the groups' residuals, None for the inverse of their scatter; `freedom` says
-    how the variance of the noise is estimated, see `Processing.noise_freedom`.
+    `weights` (g,) are those of the groups' residuals, None for the inverse of their scatter; `freedom` as in
+    `Processing.noise_freedom`.
     """
     weights = _weigh_condensed(condensed, basis, freedom) if weights is None else weights
     found = regression.solve_condensed(condensed, basis, weights)
@@ -136,10 +134,7 @@ def _compute_group_scatter(rows: Rows, residuals: FloatArray, spent: FloatArray 
 
 
 def compute_residuals(rows: Rows, residuals: FloatArray, spent: FloatArray | float) -> tuple[Residual, ...]:
-    """Return norm, relative norm and scatter of residuals (m,) for every group that has rows.
-
-    `spent` (g,) are the rows of each group that the fit takes, see `RegressionFit`.
-    """
+    """Return norm, relative norm and scatter of residuals (m,) for every group with rows; `spent` (g,)."""
     scatter = _compute_group_scatter(rows, residuals, spent).tolist()
     masks = [rows.group == index for index in range(len(scatter))]
     parts = zip(rows.group_names, rows.group_units, masks, scatter, strict=True)
@@ -257,10 +252,6 @@ def estimate_period_noise(
     """Return the covariance (n, n) of the torque's noise, N m or N each, from what differs between periods.
 
     `periods` are in s, one for all recordings or one for each; the cut ends of `processing` are left out.
-
-    Raises:
-        UsageError: a log holds less than two periods, the number of periods does not fit that of the logs, or
-            the torque does not repeat.
     """
     each = list(periods) * len(recordings) if len(periods) == 1 else list(periods)
     if len(each) != len(recordings):
@@ -317,10 +308,7 @@ class Influence:
 
 
 def measure_influence(rows: Rows, basis: FloatArray, weights: FloatArray, residuals: FloatArray) -> Influence:
-    """Return how rows act on a least-squares fit in the directions `basis` (p, r).
-
-    `weights` (m,) are what the rows were multiplied by, `residuals` (m,) y - A x.
-    """
+    """Return how rows act on a least-squares fit in directions `basis` (p, r); weights, residuals (m,)."""
     scores = (rows.matrix @ basis) * weights[:, None]
     root = regression.compute_inverse_root(scores)
     frame, left = scores @ root, basis @ root @ root.T

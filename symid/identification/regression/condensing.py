@@ -24,7 +24,7 @@ Not supported: logs of different sample rates; rows of windows; weights of recor
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,8 +158,7 @@ def mask_trembling(recordings: Sequence[Recording], units: Sequence[str]) -> NDA
 
     What holds such a joint may be a brake or a lock, so that it rests.
     """
-    lowest = np.min([entry.position.min(axis=0) for entry in recordings], axis=0)
-    spread: FloatArray = np.max([entry.position.max(axis=0) for entry in recordings], axis=0) - lowest
+    spread = np.ptp(np.vstack([entry.position for entry in recordings]), axis=0)
     turning = np.array([unit == "rad" for unit in units])
     widest = spread[turning].max(initial=0.0)
     return np.asarray(turning & (spread < POLICY.relevance * min(1.0, float(widest))))
@@ -290,11 +289,10 @@ class ThinMotion:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Piece:
-    """Rows of a piece of a log: of each level [A y] (t, n, p + 1) at one place in some.
+    """Rows of a piece of a log: of each level [A y] (t, n, p + 1), one in `strides` of T places.
 
-    `slow`: states (T, n) of each level, of which instruments are made; `strides` of the levels' rows;
-    `states` (3, T, n) q, dq and ddq within the scoring band, `tau` (T, n); `wrong` (T, n) rows in which bad
-    samples are noticed; `out` (n,) joints that are left out; `resting` (n,).
+    `slow`: states (T, n) of each level, of which instruments are made; `states` (3, T, n) and `tau` (T, n) of
+    the scoring band; `wrong` (T, n) rows in which bad samples are noticed; `out` (n,) joints left out.
     """
 
     run: int
@@ -333,6 +331,13 @@ class BandSums:
             columns = np.append(live, self.width)
             found[..., columns[:, None], columns] += weight * table
         return found
+
+    def join_squares(
+        self, classes: Sequence[int], weights: FloatArray, blocks: slice | NDArray[np.bool_] = slice(None)
+    ) -> FloatArray:
+        """Return the weighted sum (p + 1, p + 1) of the squares of blocks, from classes (n,) of speed on."""
+        pairs = zip(self.squares, classes, strict=True)
+        return self.join([table[blocks, share].sum(axis=0) for table, share in pairs], weights)
 
 
 def add_products(into: FloatArray, left: FloatArray, right: FloatArray, cell: NDArray[np.intp]) -> FloatArray:
@@ -382,27 +387,25 @@ def fit_sums(
     kept = np.ones(len(fold), dtype=np.bool_) if chosen is None else chosen
     pairs = list(enumerate(classes))
     parts = [sums.products[joint][:, share] * kept[:, None, None] for joint, share in pairs]
-    own = [np.tensordot(kept, sums.squares[joint][:, share], 1) for joint, share in pairs]
     wholes = [part.sum(axis=0) for part in parts]
-    rows = sums.worth * np.array([kept @ sums.counts[joint, :, share] for joint, share in pairs])
-    size = np.array([table[-1, -1] for table in own])
-    given = weights is not None
-    weights = (
-        np.where(size > 0.0, rows / np.where(size > 0.0, size, 1.0), 0.0) if weights is None else weights
-    )
-    for _ in range(0 if given else numerics.ROUNDS):
-        whole = sums.join(wholes, weights)
-        scaled, scales = scale_products(whole[:-1, :-1])
-        inverse = np.linalg.inv(scaled) * scales[:, None] * scales
-        values, before = inverse @ whole[:-1, -1], weights.copy()
-        for joint, live in enumerate(sums.live):
-            error = np.append(values[live], -1.0)
-            left = max(float(error @ own[joint] @ error), numerics.EXACT * float(size.max()))
-            leverage = np.sum(inverse[np.ix_(live, live)] * wholes[joint][:-1, :-1].T)
-            spare = max(rows[joint] - weights[joint] * float(leverage), numerics.EXACT * rows[joint])
-            weights[joint] = spare / left if left > 0.0 else 0.0
-        if np.all(np.abs(weights - before) <= _CONVERGED * weights):
-            break
+    if weights is None:
+        own = [np.tensordot(kept, sums.squares[joint][:, share], 1) for joint, share in pairs]
+        rows = sums.worth * (sums.counts[np.arange(len(own)), :, classes] @ kept)
+        size = np.array([table[-1, -1] for table in own])
+        weights = np.divide(rows, size, out=np.zeros_like(rows), where=size > 0.0)
+        for _ in range(numerics.ROUNDS):
+            whole = sums.join(wholes, weights)
+            scaled, scales = scale_products(whole[:-1, :-1])
+            inverse = np.linalg.inv(scaled) * scales[:, None] * scales
+            values, before = inverse @ whole[:-1, -1], weights.copy()
+            for joint, live in enumerate(sums.live):
+                error = np.append(values[live], -1.0)
+                left = max(float(error @ own[joint] @ error), numerics.EXACT * float(size.max()))
+                leverage = np.sum(inverse[np.ix_(live, live)] * wholes[joint][:-1, :-1].T)
+                spare = max(rows[joint] - weights[joint] * float(leverage), numerics.EXACT * rows[joint])
+                weights[joint] = spare / left if left > 0.0 else 0.0
+            if np.all(np.abs(weights - before) <= _CONVERGED * weights):
+                break
     whole, tables = sums.join(wholes, weights), sums.join(parts, weights)
     values = solve_products(whole)
     folds = [whole - tables[fold == place].sum(axis=0) for place in range(int(fold.max()) + 1)]
@@ -579,16 +582,6 @@ class CondensedLogs:
             products.append(np.cumsum(whole, axis=1)[:, ::-1])
         return tuple(products), np.cumsum(counts[..., ::-1], axis=2)[..., ::-1]
 
-    def fit(
-        self,
-        sums: BandSums,
-        classes: Sequence[int],
-        blocks: NDArray[np.bool_] | None = None,
-        weights: FloatArray | None = None,
-    ) -> BlockFit:
-        """Return the fit to rows from a class (n,) of speed on, of some `blocks` (b,) if given."""
-        return fit_sums(sums, classes, self.fold, blocks, weights)
-
     def measure_losses(self, fit: BlockFit, share: int = 0) -> FloatArray:
         """Return squares (b, n) that folds leave of what they leave out, relative to the torque, both bands.
 
@@ -608,11 +601,10 @@ class CondensedLogs:
         speed = speed - speed.mean(axis=0)
         lengths = np.linalg.norm(speed, axis=0)
         turning = np.flatnonzero((self.torque > 0.0) & (lengths > 0.0)).tolist()
-        pairs = [(j, k) for place, j in enumerate(turning) for k in turning[place + 1 :]]
         # Apart by less than rounding of the positions.
         return [
             (j, k)
-            for j, k in pairs
+            for j, k in combinations(turning, 2)
             if 1.0 - abs(float(speed[:, j] @ speed[:, k]) / (lengths[j] * lengths[k])) < numerics.CONVERGED
         ]
 
@@ -626,13 +618,6 @@ class CondensedLogs:
 
 _CONVERGED = 1e-3
 """Relative change of weights at which they are settled."""
-
-
-def _choose_stride(band: float, period: float) -> int:
-    """Return one in how many rows is kept of rows within `band` Hz that are `period` s apart."""
-    return max(1, math.floor(1.0 / (_KEPT * band * period)))
-
-
 _KEPT = 4.0
 """Times the band: rate of the rows that are kept."""
 
@@ -663,7 +648,8 @@ def _build_piece(  # noqa: PLR0917 - a log and how its rows are made
         states = signals.pick_states(slice(part.start * thin, part.stop * thin, thin))
         return evaluate_columns(library, *states).reshape(part.stop - part.start, -1)
 
-    edges, strides = np.array(bands) / rate, [_choose_stride(band, step / rate) for band in bands]
+    edges = np.array(bands) / rate
+    strides = [max(1, math.floor(1.0 / (_KEPT * band * (step / rate)))) for band in bands]
     kept = [places[::stride] // step for stride in strides]
     count = -(-samples // thin)
     matrices = _filter_bands(evaluate, count, (edges * thin).tolist(), step // thin, kept)

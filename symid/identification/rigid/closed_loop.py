@@ -63,13 +63,10 @@ _FORGOTTEN = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ClosedLoop(FrozenArrays):
-    """The controller of one recording.
+    """The controller of one recording: its gains and structure, and what it follows.
 
-    Args:
-        controller: gains and structure.
-        reference: (N, n) rad or m, at the times of the recording; velocity: (N, n) rad/s or m/s of it.
-        feedforward: (N, n) N m or N; offset: o (n,) N m or N.
-        limit: (n,) N m or N of the torque, infinite where there is none.
+    `reference` (N, n) rad or m, at the times of the recording, `velocity` (N, n) of it; `feedforward` (N, n)
+    and `offset` o (n,) N m or N; `limit` (n,) of the torque, infinite where there is none.
     """
 
     controller: Controller
@@ -243,12 +240,8 @@ _OF_VALUES = ("usage.negative-friction", "simulate.chatter", "simulate.not-conve
 class ClosedLoopProblem:
     """What stays the same from iteration to iteration.
 
-    Args:
-        library: the robot's functions.
-        recordings: at least one; loops: the controller of each.
-        processing: of the rows, with nothing left open.
-        weights: of each recording's squared residuals; one if None.
-        progress: is called with a line about each iteration.
+    `loops` are the controllers of the recordings, `weights` of each one's squared residuals, one if None;
+    `processing` of the rows has nothing left open; `progress` is called with a line about each iteration.
     """
 
     library: Library
@@ -262,15 +255,13 @@ class ClosedLoopProblem:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ClosedLoopFit:
-    """The fit of the last iteration.
+    """The fit of the last iteration; its residuals are measured torques less those of the model.
 
-    Args:
-        fit: its residuals are measured torques less those of the model.
-        rows: the equations with the measured torques; simulated: those along the simulated states.
-        instrumental: the solution by instruments, None of output error.
-        changes: largest change of a parameter in standard deviations, a simulation of all recordings each.
-        tracking: (n,) rad or m, root mean square between simulated and measured positions, low-passed and
-            after the loops settled; lag: (n,) the same between references and measured positions.
+    `rows` with the measured torques, `simulated` those along the simulated states; `instrumental` the
+    solution by instruments, None of output error; `changes` largest change of a parameter in standard
+    deviations, a simulation of all recordings each; `tracking` (n,) rad or m, root mean square between
+    simulated and measured positions, low-passed and after the loops settled; `lag` (n,) the same between
+    references and measured ones.
     """
 
     fit: estimators.RegressionFit
@@ -495,11 +486,8 @@ def identify_closed_loop(
 ) -> estimators.Estimate:
     """Return the parameters that an estimator, one of `SIMULATING`, finds with the simulated robot.
 
-    Output error: the simulated torques approach the measured ones; the filter of the processing is not used.
-    Instrumental: the equations of the measured states, with instruments from the simulated robot. `start` is
-    an estimate of the same model to begin with, None for a fit to the same recordings, and `start_name` its
-    name in the result; `progress` is called with a line about each iteration, the others are as for
-    `identify_parameters`.
+    `start` is an estimate of the same model to begin with, None for a fit to the same recordings, and
+    `start_name` its name in the result; the others are as for `identify_parameters`.
     """
     controller = check_closed_loop(robot, recordings)
     limits = np.array([np.inf if axis.limits.torque is None else axis.limits.torque for axis in robot.axes])

@@ -69,25 +69,18 @@ def identify_parameters(
     """Return the parameters of the library's model that explain the recordings best.
 
     Args:
-        library: the robot's functions; its model card names the parameters.
-        recordings: at least one, all of one robot.
+        library: the robot's functions; recordings: at least one, all of one robot.
         processing: filter, cut ends and decimation; what it leaves open is chosen, see `plan_fit`.
-        rows: one of `ROW_KINDS`.
-        estimator: one of `ESTIMATORS`, or "filtered-instrumental"; None to choose it.
+        rows: one of `ROW_KINDS`; estimator: one of `ESTIMATORS`, or "filtered-instrumental", None to choose
+            it.
         window: s, length of the windows of momentum, filtered and energy rows; None for the default.
         overlap: part of a window that the next one shares, of momentum and energy rows.
-        rule: when a parameter counts as not identifiable.
-        options: of the estimator.
+        rule: when a parameter counts as not identifiable; options: of the estimator.
         weights: of each recording's squared residuals; one if None.
         echo: further settings to keep with the result, such as the log's columns.
         plan: settings and estimator, where they were chosen before.
         robot: behind the library, for causes that need its geometry; None without.
         largest: bytes; torque and momentum rows that take more are fitted by `ols` and `wls` block by block.
-
-    Raises:
-        UsageError: there is no such kind of rows or estimator, or no recording.
-        LogError: a recording does not fit the robot.
-        IdentifiabilityError: no parameter is identifiable.
     """
     notices = list_unknown("rows", rows, regression.ROW_KINDS)
     if estimator is not None:
@@ -162,7 +155,8 @@ def identify_parameters(
         evidence = collect_evidence(
             library,
             plan.study,
-            fitted.fit,
+            fitted.fit.values,
+            fitted.fit.covariance,
             whole=not fitted.identifiability.refused,
             robot=robot,
             transmission=recordings[0].transmission,
@@ -188,12 +182,7 @@ def fit_in_memory(
     options: estimators.EstimatorOptions | None = None,
     weights: Sequence[float] | None = None,
 ) -> FittedRows:
-    """Return the fit of recordings whose equations are all in memory; `weights` as for `stack_rows`.
-
-    Raises:
-        LogError, UsageError: as for `prepare_rows`.
-        IdentifiabilityError: no parameter is identifiable.
-    """
+    """Return the fit of recordings whose equations are all in memory; `weights` as for `stack_rows`."""
     used = plan.processing
     moving = builder._replace(processing=replace(used, standstill=None))
     whole = regression.stack_rows(list(map(moving.prepare, recordings)), weights)
@@ -316,14 +305,7 @@ def fit_long(
     rule: regression.RankRule,
     weights: Sequence[float] | None = None,
 ) -> FittedRows | None:
-    """Return the fit of recordings whose matrix is never in memory; None where a joint has too few equations.
-
-    `weights` are those of each recording's squared residuals; one if None.
-
-    Raises:
-        LogError, UsageError: as for `prepare_rows`.
-        IdentifiabilityError: no parameter is identifiable.
-    """
+    """Return the fit of recordings whose matrix is never in memory; None where a joint has too few rows."""
     builder = builder._replace(keeper=regression.StatesKeeper())
     long = regression.condense_recordings(builder, recordings, weights)
     if long is None:

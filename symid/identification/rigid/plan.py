@@ -41,9 +41,9 @@ FILTERED_INSTRUMENTAL = "filtered-instrumental"
 class FitPlan:
     """Settings with nothing open, the estimator, the study behind them (None for none), notices on it.
 
-    `scoring` in Hz: slow rows are chosen by positions that pass it, by those of the fit where 0.
-    `laws_chosen`: friction laws were chosen from the same logs, so that no other needs to be tried. Rows
-    within `margin` s of slow ones are left out with them.
+    `scoring` in Hz: slow rows are chosen by positions that pass it, by those of the fit where 0. Rows within
+    `margin` s of slow ones are left out with them. `laws_chosen`: friction laws were chosen from the same
+    logs.
     """
 
     processing: Processing
@@ -66,12 +66,8 @@ def plan_fit(
 ) -> FitPlan:
     """Return settings and estimator with nothing left open.
 
-    `estimator` None is chosen; `long` logs do without instruments.
-
-    Raises:
-        UsageError: instruments are wanted, and their cut-off is neither stated nor chosen.
-        LogError: the recordings are not sampled alike, or one does not fit the robot.
-        IdentifiabilityError: no joint moves in a recording.
+    `estimator` None is chosen; `long` logs do without instruments. A UsageError where instruments are wanted,
+    and their cut-off is neither stated nor chosen.
     """
     usual = "wls" if library.card.size > 1 else "ols"
     if processing.instrument_cutoff and not long:
@@ -215,11 +211,7 @@ PRIOR_OF_ROBOT = "robot"
 
 
 def check_estimator(rows: str, estimator: str | None) -> None:
-    """Refuse an estimator that no rows of a rigid robot know.
-
-    Raises:
-        UsageError: there is no such estimator; those of friction laws are others.
-    """
+    """Refuse an estimator that no rows of a rigid robot know; those of friction laws are others."""
     more = f" with --rows {rows}; those of friction laws go with --rows friction"
     allowed = (*estimators.ESTIMATORS, FILTERED_INSTRUMENTAL, *SIMULATING)
     if estimator is not None and (notices := list_unknown("estimator", estimator, allowed, more)):
@@ -227,11 +219,7 @@ def check_estimator(rows: str, estimator: str | None) -> None:
 
 
 def check_rigid_options(rows: str, estimator: str | None, options: RigidOptions) -> None:
-    """Refuse options that rows or estimator do not use.
-
-    Raises:
-        UsageError: an option belongs to other rows or to another estimator, or is out of range.
-    """
+    """Refuse options that belong to other rows or to another estimator."""
     ridge, flags = (estimator == "ridge", "--estimator ridge"), list_options(RigidOptions)
     wanted = {
         "window": (rows in _WINDOWED, f"--rows {', '.join(_WINDOWED)}"),
@@ -265,11 +253,7 @@ def build_estimator_options(
     *,
     prior: estimators.Estimate | None = None,
 ) -> estimators.EstimatorOptions:
-    """Return the options of an estimator; `prior` is of the same model, None for values of the robot file.
-
-    Raises:
-        UsageError: there is no prior, or the motion does not repeat.
-    """
+    """Return the options of an estimator; `prior` is of the same model, None for values of the robot file."""
     if estimator == "ridge":
         known = (
             estimators.build_prior_of_card(library.card, (options.prior_percent or _DEVIATION) / 100.0)
