@@ -324,7 +324,6 @@ def place_in_source(
 
 
 def _write_new(found: Identified, suffix: str, folder: Path, outcome: str, options: ExportOptions) -> str:
-    """Return the text of a new file in a folder."""
     robot, whence = found.robot, f"values identified from {', '.join(found.sources)}"
     comment = f"{robot.name} with {whence if found.sources else 'the values of its robot file'}."
     match suffix:
@@ -344,7 +343,6 @@ def _write_new(found: Identified, suffix: str, folder: Path, outcome: str, optio
 
 
 def _build_values(found: Identified) -> robots.RobotValues:
-    """Return the robot's values as the vectors of its generated functions."""
     card = build_model_card(found.robot, found.base, ())
     known = {entry.name: entry for entry in found.values}
     titles = {

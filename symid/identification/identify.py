@@ -102,7 +102,6 @@ def identify_robot(
 
 
 def _list_log_notices(robot: Robot, recordings: Recordings) -> tuple[Notice, ...]:
-    """Return the notices on the robot file and on the logs."""
     found: tuple[Notice, ...] = robot.notices
     for recording in recordings:
         found += (*recording.notices, *log_files.check_recording(recording, robot))
@@ -124,19 +123,18 @@ def _identify_rigid(
         rigids.check_closed_loop(robot, recordings)
     context.progress(f"identifying {robot.name} from {len(recordings)} log{'s'[: len(recordings) > 1]}")
     rule = regression.RankRule(least=0.0 if options.partial else regression.WHOLE_MODEL)
-    weights = log_files.get_run_weights(recordings)
-    common: Any = {"rows": rows, "estimator": estimator, "window": options.window, "overlap": overlap}
-    common |= {"rule": rule, "weights": weights, "progress": context.progress}
+    shared: Any = {"rule": rule, "weights": log_files.get_run_weights(recordings)}
+    common = {**shared, "rows": rows, "estimator": estimator, "window": options.window, "overlap": overlap}
+    told: Any = {"progress": context.progress}
+    if rigid.free_gravity or rigid.free_zeros or friction is not None:
+        told["echo"] = log_files.describe_logs(rigid, recordings)
     if rigid.free_gravity or rigid.free_zeros:
-        common["echo"] = log_files.describe_logs(rigid, recordings)
-        estimate, library = search_mounting(rigid, recordings, context.prepare, options, **common)
+        estimate, library = search_mounting(rigid, recordings, context.prepare, options, **common, **told)
     elif friction is not None:
         if options.prior is not None or estimator == "ridge":
             raise friction_search.refuse_search(friction, "a prior does not know")
-        common["echo"] = log_files.describe_logs(rigid, recordings)
-        estimate, _, library = friction_search.search_friction(
-            rigid, recordings, friction, context.prepare, **common
-        )
+        search = friction_search.search_friction
+        estimate, library = search(rigid, recordings, friction, context.prepare, **common, **told)
     else:
         library = context.prepare(rigid)
         start, start_name, prior = None, "", None
@@ -149,34 +147,13 @@ def _identify_rigid(
             prior = read_rigid(options.prior, library.card)
 
         def fit(logs: Recordings) -> Estimate:
-            echo = log_files.describe_logs(rigid, logs)
+            told["echo"] = log_files.describe_logs(rigid, logs)
             if estimator in rigids.SIMULATING:
-                return rigids.identify_closed_loop(
-                    estimator,
-                    rigid,
-                    library,
-                    logs,
-                    start=start,
-                    start_name=start_name,
-                    rule=rule,
-                    weights=weights,
-                    echo=echo,
-                    progress=context.progress,
-                )
-            return rigids.identify_parameters(
-                library,
-                logs,
-                rigid.processing,
-                rows=rows,
-                estimator=estimator,
-                options=rigids.build_estimator_options(rigid, library, logs, estimator, options, prior=prior),
-                window=options.window,
-                overlap=overlap,
-                rule=rule,
-                weights=weights,
-                echo=echo,
-                robot=rigid,
-            )
+                begin = {"start": start, "start_name": start_name, **shared, **told}
+                return rigids.identify_closed_loop(estimator, rigid, library, logs, **begin)
+            own = rigids.build_estimator_options(rigid, library, logs, estimator, options, prior=prior)
+            call = {**common, "options": own, "echo": told["echo"], "robot": rigid}
+            return rigids.identify_parameters(library, logs, rigid.processing, **call)
 
         # Loads that friction reads, and that were not measured, follow from the estimate.
         estimate = friction_search.identify_loaded(library, recordings, rigid.processing, fit)

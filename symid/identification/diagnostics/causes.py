@@ -134,11 +134,6 @@ class FollowedLogs(NamedTuple):
         columns = self.evaluate(entry.motion) if entry.columns is None else entry.columns
         return fit_motion(columns, entry.motion, self.fold, entry.sizes)
 
-    def confirm(self, hypothesis: Hypothesis) -> bool:
-        """Return whether held-out torque, too, speaks for a mistake that is sure, if ever so little."""
-        base, found = fit_motion(self.columns, self.motion, self.fold), self.fit(hypothesis)
-        return judge.compare(base.losses, found.losses).p_of_all < POLICY.caution
-
 
 class TriedHypothesis(NamedTuple):
     """A hypothesis beside a fit of its rows without it: chance and falls of squares of its joints, of all."""

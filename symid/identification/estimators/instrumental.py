@@ -85,7 +85,7 @@ def fit_instruments(
     count = int(basis.shape[1])
     condensed = regression.condense_weighted(rows, rows.weight, instruments.matrix)
     solve = partial(_solve_stages, condensed.factors, basis, simulated=simulated)
-    weights = iterate_weights(regression.condense_rows(rows), lambda guess: solve(guess)[:2], freedom)
+    weights = iterate_weights(regression.condense_rows(rows), solve, freedom)
     values, leverage, gain, matrix, triangle, correlation = solve(weights)
     factors = weights[rows.group] * np.sqrt(rows.weight)
     frame = (instruments.matrix @ basis) * factors[:, None]

@@ -630,7 +630,6 @@ def _build_piece(  # noqa: PLR0917 - a log and how its rows are made
     bands: Sequence[float],
     cutoff: float | None,
 ) -> _Piece:
-    """Return the rows of a piece of a log within all bands."""
     rate, settings = 1.0 / recording.period, replace(processing, automatic=False)
     # Where filters extrapolate: of the positions at any end, of the scoring band where joints move there.
     spoilt = count_spoilt(cutoff, recording.period)

@@ -149,12 +149,6 @@ JOINT_AT_REST = "identify.joint-at-rest"
 """Code of the notice that the rows of a joint were left out because it does not move."""
 
 
-def compute_inverse_root(design: FloatArray) -> FloatArray:
-    """Return V S^-1 of the singular value decomposition of F (m, r), so that its square is (F'F)^-1."""
-    _, singular, directions = np.linalg.svd(compute_triangle(design), full_matrices=False)
-    return np.asarray(directions.T / singular)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankRule:
     """Limits below which something counts as zero.

@@ -32,7 +32,6 @@ power and energy rows, whose covariance needs every row.
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -358,12 +357,12 @@ def outline_motion(
     """Return states q, dq, ddq (`STATES`, 3 n) evenly spread over the recordings, with six digits."""
     used = choose_filters(processing, recordings).processing
     signals = [prepare_states(library, entry, used) for entry in recordings]
-    ends = np.cumsum([0, *(len(entry.q) for entry in signals)])
-    places = np.linspace(0, ends[-1] - 1, min(STATES, int(ends[-1]))).round().astype(int)
-    own = [places[(places >= low) & (places < high)] - low for low, high in pairwise(ends.tolist())]
-    parts = [entry.pick_states(chosen)[:3] for entry, chosen in zip(signals, own, strict=True)]
-    chosen = np.vstack([np.hstack(part) for part in parts])
-    return tuple(tuple(float(f"{value:.6g}") for value in row) for row in chosen.tolist())
+    ends, rows = np.cumsum([0, *(len(entry.q) for entry in signals)]), list[tuple[float, ...]]()
+    for place in np.linspace(0, ends[-1] - 1, min(STATES, int(ends[-1]))).round().astype(int):
+        run = int(np.searchsorted(ends, place, side="right")) - 1
+        states = (part[place - ends[run]] for part in (signals[run].q, signals[run].dq, signals[run].ddq))
+        rows.append(tuple(float(f"{value:.6g}") for value in np.concatenate([*states])))
+    return tuple(rows)
 
 
 def mask_fast(

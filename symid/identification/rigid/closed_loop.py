@@ -122,10 +122,8 @@ def list_unusable(recording: Recording, controller: Controller | None = None) ->
         values: FloatArray | None = getattr(recording, name)
         if values is not None and not np.all(np.isfinite(values)):
             first = int(np.argwhere(~np.isfinite(values))[0, 0])
-            texts.append(
-                f"{name} has values that are not finite, the first at sample {first} (counted from 0): cut "
-                "or repair the log there"
-            )
+            where = f"the first at sample {first} (counted from 0): cut or repair the log there"
+            texts.append(f"{name} has values that are not finite, {where}")
     reference, position = recording.reference, recording.position
     if not texts and reference is not None and reference.shape != position.shape:
         texts.append(f"the reference has shape {reference.shape}, the position {position.shape}")
@@ -377,9 +375,9 @@ def fit_output_error(problem: ClosedLoopProblem, start: Mapping[str, float]) -> 
             good = ~logs.mask_decimated(wrong, processing.decimation)
             # A brake may hold a joint at rest: its torque contains no information.
             joints = library.card.joints
-            held = tuple(j for j in regression.list_resting_joints(recording) if joints[j].friction != "none")
-            away = replace(built, values=built.values + excess.T[good.T])
-            pairs.append((regression.drop_groups(built, held), regression.drop_groups(away, held)))
+            held = [j for j in regression.list_resting_joints(recording) if joints[j].friction != "none"]
+            away, free = replace(built, values=built.values + excess.T[good.T]), ~np.isin(built.group, held)
+            pairs.append((regression.select_rows(built, free), regression.select_rows(away, free)))
         # With the measured torques, and with tau - tau_s + W x in their place.
         rows, shifted = (regression.stack_rows(parts, problem.weights) for parts in zip(*pairs, strict=True))
         try:
@@ -449,7 +447,6 @@ def _list_settings(problem: ClosedLoopProblem) -> list[tuple[Recording, Processi
 
 
 def _build_measured(problem: ClosedLoopProblem) -> list[regression.Rows]:
-    """Return the rows of each recording."""
     return [regression.prepare_rows("torque", problem.library, *pair) for pair in _list_settings(problem)]
 
 

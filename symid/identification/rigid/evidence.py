@@ -70,7 +70,8 @@ def collect_evidence(
         # too small to matter, for anything that a joint with little torque lacks.
         if found.difference.verdict is Agreement.DIFFERENT:
             gravity = diagnostics.suspect_gravity(found, motion)
-            if not followed.confirm(gravity):
+            pair = diagnostics.fit_motion(followed.columns, motion, logs.fold), followed.fit(gravity)
+            if not judge.compare(*(one.losses for one in pair)).p_of_all < POLICY.caution:
                 test = replace(test, verdict=Agreement.OPEN.value)
         tests += (test,)
     impossible = list_impossible(library, study, values, covariance, motion if whole else None)

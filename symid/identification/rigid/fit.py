@@ -69,13 +69,15 @@ def identify_parameters(
     """Return the parameters of the library's model that explain the recordings best.
 
     Args:
-        library: the robot's functions; recordings: at least one, all of one robot.
+        library: the robot's functions.
+        recordings: at least one, all of one robot.
         processing: filter, cut ends and decimation; what it leaves open is chosen, see `plan_fit`.
-        rows: one of `ROW_KINDS`; estimator: one of `ESTIMATORS`, or "filtered-instrumental", None to choose
-            it.
+        rows: one of `ROW_KINDS`.
+        estimator: one of `ESTIMATORS`, or "filtered-instrumental"; None to choose it.
         window: s, length of the windows of momentum, filtered and energy rows; None for the default.
         overlap: part of a window that the next one shares, of momentum and energy rows.
-        rule: when a parameter counts as not identifiable; options: of the estimator.
+        rule: when a parameter counts as not identifiable.
+        options: of the estimator.
         weights: of each recording's squared residuals; one if None.
         echo: further settings to keep with the result, such as the log's columns.
         plan: settings and estimator, where they were chosen before.

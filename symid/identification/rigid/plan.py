@@ -42,8 +42,7 @@ class FitPlan:
     """Settings with nothing open, the estimator, the study behind them (None for none), notices on it.
 
     `scoring` in Hz: slow rows are chosen by positions that pass it, by those of the fit where 0. Rows within
-    `margin` s of slow ones are left out with them. `laws_chosen`: friction laws were chosen from the same
-    logs.
+    `margin` s of slow ones are left out with them.
     """
 
     processing: Processing
@@ -51,7 +50,6 @@ class FitPlan:
     study: SettingsStudy | None = None
     notices: tuple[Notice, ...] = ()
     scoring: float = 0.0
-    laws_chosen: bool = False
     margin: float = 0.0
 
 

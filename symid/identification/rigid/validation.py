@@ -308,9 +308,9 @@ def validate_estimate(
     """
     estimators.check_model(estimate, library.card)
     settled = resolve_processing(estimate, processing, recording)
-    stored = estimate.settings.get("processing")
-    known = [stored.get(name) for name in ("drop_first", "drop_last")] if isinstance(stored, Mapping) else []
-    first, last = (entry if isinstance(entry, int) else 0 for entry in (*known, 0, 0)[:2])
+    stored: Any = estimate.settings.get("processing")
+    known = (stored.get(name) for name in ("drop_first", "drop_last")) if isinstance(stored, Mapping) else ()
+    first, last = (entry if isinstance(entry, int) else 0 for entry in known or (0, 0))
     cut, fitted_cut = (settled.processing.drop_first, settled.processing.drop_last), (first, last)
     # Slow rows count, as in the residual of the fit.
     counted = replace(settled.processing, standstill=None)
@@ -327,10 +327,8 @@ def validate_estimate(
 
     def score(part: regression.Rows) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return rows and what is left of them (m, 2), both within the band, and which of them count."""
-        table, inner = (
-            np.column_stack([part.values, part.values - part.matrix @ values]),
-            np.full(len(part.time), fill_value=True),
-        )
+        table = np.column_stack([part.values, part.values - part.matrix @ values])
+        inner = np.ones(len(part.time), dtype=np.bool_)
         if scoring:
             table, within = smooth_rows(part, table, scoring), mask_inner(part)
             inner = within if within.any() else inner
