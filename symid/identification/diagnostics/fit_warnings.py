@@ -8,8 +8,7 @@ Not supported: naming the missing term (see `residual_structure`); accelerations
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import scipy
@@ -31,93 +30,73 @@ from symid.identification.regression import (
 from symid.logs import Recording
 from symid.robot import Processing
 
-_CORRELATED = (
-    "the residuals are correlated: the standard deviations of {names} are up to {ratio:.2g} times too small"
-)
-
-
-class FitWarning(NamedTuple):
-    """What was found and what it means, then what to do, with places for values."""
-
-    cause: str
-    remedy: str
-
-
-FIT_WARNINGS: Mapping[str, FitWarning] = {
-    "identify.no-filter": FitWarning(
-        "no filter is set: the noise of differentiated positions biases the parameters",
-        "set processing.filter_cutoff, in Hz",
+FIT_WARNINGS = {
+    "identify.no-filter": (
+        "no filter is set: the noise of differentiated positions biases the parameters. Set "
+        "processing.filter_cutoff, in Hz"
     ),
-    "identify.low-cutoff": FitWarning(
+    "identify.low-cutoff": (
         "the low-pass of the positions at {cutoff:g} Hz damps accelerations that decimation passes (up to "
-        "{kept:.3g} Hz)",
-        "raise processing.filter_cutoff to {least:.3g} Hz or more, or decimate further",
+        "{kept:.3g} Hz). Raise processing.filter_cutoff to {least:.3g} Hz or more, or decimate further"
     ),
-    "identify.pattern": FitWarning(
-        _CORRELATED,
-        "a term is missing, the filter smooths the reversal, or a joint sticks (processing.standstill): see "
-        "`symid report --diagnose`",
+    "identify.pattern": (
+        "the residuals are correlated: the standard deviations of {names} are up to {ratio:.2g} times too "
+        "small. A term is missing, the filter smooths the reversal, or a joint sticks "
+        "(processing.standstill): see `symid report --diagnose`"
     ),
-    "friction.pattern": FitWarning(
-        _CORRELATED,
-        "the friction law is incomplete, the filter smooths the reversal, or the decimation is too low "
-        "(--decimate)",
+    "friction.pattern": (
+        "the residuals are correlated: the standard deviations of {names} are up to {ratio:.2g} times too "
+        "small. The friction law is incomplete, the filter smooths the reversal, or the decimation is too "
+        "low (--decimate)"
     ),
-    "identify.impossible-mass": FitWarning(
-        "the identified mass matrix is not positive definite at {bad} of {poses} poses of the logs, which is "
-        "impossible for a robot",
-        "record more excitation, add the missing term to the model, or use --estimator consistent",
+    "identify.impossible-mass": (
+        "the identified mass matrix is not positive definite at {bad} of {poses} poses of the logs, which "
+        "is impossible for a robot. Record more excitation, add the missing term to the model, or use "
+        "--estimator consistent"
     ),
-    "identify.poorly-identifiable": FitWarning(
-        "poorly identifiable (standard deviation above {percent:g} %): {names}",
-        "they matter little in these logs, or need a motion that excites them more",
+    "identify.poorly-identifiable": (
+        "poorly identifiable (standard deviation above {percent:g} %): {names}. They matter little in these "
+        "logs, or need a motion that excites them more"
     ),
-    "elastic.poorly-identifiable": FitWarning(
-        "poorly identifiable (standard deviation above {percent:g} %): {names}",
-        "fast motions separate rotor from link inertias, and different poses identify gravity parameters: "
-        "add such motions, or take rotor inertias from data sheets",
+    "elastic.poorly-identifiable": (
+        "poorly identifiable (standard deviation above {percent:g} %): {names}. Fast motions separate rotor "
+        "from link inertias, and different poses identify gravity parameters: add such motions, or take "
+        "rotor inertias from data sheets"
     ),
-    "elastic.not-identifiable": FitWarning(
-        "not identifiable (standard deviation above the value): {names}",
-        "move these joints, fast and slowly, alone and with the others",
+    "elastic.not-identifiable": (
+        "not identifiable (standard deviation above the value): {names}. Move these joints, fast and "
+        "slowly, alone and with the others"
     ),
-    "elastic.outcome": FitWarning(
-        "the method {method} ended early: {outcome}", "compare with another method"
+    "elastic.outcome": "the method {method} ended early: {outcome}. Compare with another method",
+    "identify.moving-ends": (
+        "the log {ends} in motion, where the filter at {cutoff:g} Hz extrapolates: accelerations are wrong. "
+        "Leave {spoilt} samples out with {settings}"
     ),
-    "identify.moving-ends": FitWarning(
-        "the log {ends} in motion, where the filter at {cutoff:g} Hz extrapolates: accelerations are wrong",
-        "leave {spoilt} samples out with {settings}",
-    ),
-    "identify.structure": FitWarning(
-        "{joint}: a term of {term} explains {gain:.0f} % of the squared held-out residual", "{advice}"
-    ),
-    "identify.tracking": FitWarning(
+    "identify.tracking": (
         "simulated and measured positions differ by more than {limit:g} % of the tracking error (in "
         "brackets): {joints}; {effect}, and the controller does not explain {missed} of the torque at the "
-        "measured positions",
-        "check gains, velocity filter, integral part, feed-forward and the side of the gear",
+        "measured positions. Check gains, velocity filter, integral part, feed-forward and the side of the "
+        "gear"
     ),
-    "identify.biased-wls": FitWarning(
-        "{verdict}",
-        "fits of torque equations to this log are biased too: check processing.filter_cutoff, decimation and "
-        "processing.standstill",
+    "identify.biased-wls": (
+        "{verdict}. Fits of torque equations to this log are biased too: check processing.filter_cutoff, "
+        "decimation and processing.standstill"
     ),
-    "diagnosis.other-values": FitWarning(
-        "refitting the logs changes values by up to {refit:.3g} standard deviations",
-        "a log has changed, or the estimate was made with other options or another version: identify again",
+    "diagnosis.other-values": (
+        "refitting the logs changes values by up to {refit:.3g} standard deviations. A log has changed, or "
+        "the estimate was made with other options or another version: identify again"
     ),
-    "validate.fitted-log": FitWarning(
-        "the {what} was fitted to this log, to {part}, so this is not a validation",
-        "validate on another motion, or on a part of the log that was left out of the fit (--train, --test)",
+    "validate.fitted-log": (
+        "the {what} was fitted to this log, to {part}, so this is not a validation. Validate on another "
+        "motion, or on a part of the log that was left out of the fit (--train, --test)"
     ),
 }
-"""By code."""
+"""What was found, then what to do, with places for values, by code."""
 
 
 def build_warning(code: str, *, file: str = "", **values: object) -> Notice:
     """Return the warning of a code about a fit, or about one of its logs."""
-    cause, remedy = (part.format(**values) for part in FIT_WARNINGS[code])
-    return Notice(code=code, text=f"{cause}. {remedy[:1].upper()}{remedy[1:]}", file=file)
+    return Notice(code=code, text=FIT_WARNINGS[code].format(**values), file=file)
 
 
 def warn_of_processing(processing: Processing, recordings: Sequence[Recording]) -> tuple[Notice, ...]:

@@ -272,9 +272,8 @@ class BlockFit(FrozenArrays):
 class ThinMotion:
     """Samples of all logs within the scoring band, one after the other, four times its rate.
 
-    Args:
-        q, dq, ddq, tau: (t, n); kept: (t, n) whether a joint's row counts.
-        block: (t,) number of its block; run: (t,) of its log; period: s, between samples of a log.
+    q, dq, ddq, tau (t, n); `kept` (t, n) whether a joint's row counts; `block` (t,) number of its block;
+    `run` (t,) of its log; `period` s, between samples of a log.
     """
 
     q: FloatArray
@@ -310,11 +309,9 @@ class _Piece:
 class BandSums:
     """Sums of products of rows: of each joint, its live columns and the torque last.
 
-    Args:
-        products: (b, c, l, l) of Z'[Y y] of each joint, from a class of speed c upwards.
-        squares: (b, c, l, l) of [Y y]'[Y y], the same where there are no instruments.
-        counts: (n, b, c) rows; worth: of a row, as an independent one.
-        live: of each joint the places of its columns among `width` parameters.
+    `products` (b, c, l, l) are of Z'[Y y] of each joint, from a class of speed c upwards; `squares` of [Y
+    y]'[Y y], the same where there are no instruments. `counts` (n, b, c) rows, `worth` of a row, as an
+    independent one; `live` of each joint the places of its columns among `width` parameters.
     """
 
     products: tuple[FloatArray, ...]
@@ -439,7 +436,7 @@ class CondensedLogs:
         torque: (n,) squares within the scoring band, 0 where a joint rests or has no torque.
         log: (b,) number of the log of every block; fold: (b,) of its fold.
         scores: sums of the band below the scoring band, and of that one, where losses are measured.
-        motion: thinned; repeats: s, the period of a motion that repeats, 0 for one that does not.
+        repeats: s, the period of a motion that repeats, 0 for one that does not.
     """
 
     def __init__(
@@ -457,33 +454,26 @@ class CondensedLogs:
             _build_piece(library, run, recording, processing, bands, cutoff)
             for run, recording in pick_pieces(recordings)
         ]
+        joints, speeds = library.card.joints, [np.abs(piece.states[1]) for piece in self._pieces]
         if "standstill" in processing.left_open:
-            speeds = [np.quantile(np.abs(entry.states[1]), 0.99, axis=0) for entry in self._pieces]
-            self.limits: FloatArray = np.max(speeds, axis=0)[:, None] * SHARES
+            fast: FloatArray = np.max([np.quantile(speed, 0.99, axis=0) for speed in speeds], axis=0)
+            self.limits = fast[:, None] * SHARES
         else:
-            stated = [processing.get_standstill(joint) for joint in range(library.card.size)]
+            stated = list(map(processing.get_standstill, range(len(joints))))
             self.limits = np.column_stack([np.zeros(len(stated)), stated])
-        top = np.max([np.abs(entry.states[1]).max(axis=0) for entry in self._pieces], axis=0)
-        top[mask_trembling(recordings, [joint.position_unit for joint in library.card.joints])] = np.inf
+        top = np.max([speed.max(axis=0) for speed in speeds], axis=0)
+        top[mask_trembling(recordings, [joint.position_unit for joint in joints])] = np.inf
         length = max(2, round(1.0 / (self.bands[SCORING] * self.period)))
-        friction = [joint.friction != "none" for joint in library.card.joints]
         # (T, n) rows at rest of joints with friction, and wrong ones: they count for nothing.
-        self._rest = [
-            np.column_stack(
-                [
-                    mask_rest(piece.states[1][:, k], float(top[k]), length) & dry
-                    for k, dry in enumerate(friction)
-                ]
-            )
-            | piece.wrong
-            for piece in self._pieces
-        ]
+        self._rest = [piece.wrong.copy() for piece in self._pieces]
+        for speed, rest in zip(speeds, self._rest, strict=True):
+            for k, joint in enumerate(joints):
+                if joint.friction != "none":
+                    rest[:, k] |= mask_rest(speed[:, k], float(top[k]), length)
         acts = np.any([table.any(axis=0) for piece in self._pieces for table in piece.matrices], axis=0)
         self._live = tuple(np.flatnonzero(row[:-1]) for row in acts)
         self.repeats = measure_repetition(recordings[0], bands[SCORING]) if len(recordings) == 1 else 0.0
-        log: list[int] = []
-        fold: list[int] = []
-        self._blocks: list[NDArray[np.intp]] = []
+        log, fold, self._blocks = list[int](), list[int](), list[NDArray[np.intp]]()
         runs = [piece.run for piece in self._pieces]
         each = max(2, math.ceil(POLICY.folds / (runs[-1] + 1)))
         for piece in self._pieces:
@@ -514,10 +504,9 @@ class CondensedLogs:
             states = (*piece.states[:, ::stride], piece.tau[::stride])
             kept = (np.abs(states[1]) >= self.limits[:, -1]) & ~piece.out & ~rest[::stride]
             parts.append((*states, kept, block[::stride], np.full(len(kept), piece.run)))
-        q, dq, ddq, tau, kept, block, run = map(np.concatenate, zip(*parts, strict=True))
-        return ThinMotion(
-            q=q, dq=dq, ddq=ddq, tau=tau, kept=kept, block=block, run=run, period=self.period * stride
-        )
+        whole = map(np.concatenate, zip(*parts, strict=True))
+        names = ("q", "dq", "ddq", "tau", "kept", "block", "run")
+        return ThinMotion(**dict(zip(names, whole, strict=True)), period=self.period * stride)
 
     @property
     def columns(self) -> FloatArray:
@@ -556,9 +545,9 @@ class CondensedLogs:
     def _cross(
         self, level: int, lefts: Sequence[FloatArray] = ()
     ) -> tuple[tuple[FloatArray, ...], FloatArray]:
-        """Return the products (b, c, l, l) of a level's rows with columns (T, n, p), and the rows' counts.
+        """Return the products (b, c, l, l) of a level's rows with columns (T, n, p) of each piece; counts.
 
-        There is an array of columns for each piece; without any the rows stand on both sides.
+        Without columns the rows stand on both sides.
         """
         blocks, classes = len(self.log), self.limits.shape[1]
         products: list[FloatArray] = []
@@ -663,13 +652,13 @@ def _build_piece(  # noqa: PLR0917 - a log and how its rows are made
             states = np.stack(slow[-1][:3])
         values = torques[level][:: strides[level], :, None]
         matrices[level] = np.concatenate([matrices[level].reshape(*values.shape[:2], -1), values], axis=2)
-    friction = np.array([joint.friction != "none" for joint in library.card.joints])
     wrong = np.zeros(torques[SCORING].shape, dtype=np.bool_)
     if recording.bad is not None:
         # Within the scoring band, which decides.
         touched = mask_filtered(recording.bad, 0.5 / (bands[SCORING] * recording.period))
         wrong = touched[drop[0] :][places]
-    resting = np.isin(np.arange(len(friction)), list_resting_joints(recording))
+    resting = np.isin(np.arange(library.card.size), list_resting_joints(recording))
+    friction = np.array([joint.friction != "none" for joint in library.card.joints])
     return _Piece(
         run=run,
         matrices=tuple(matrices),

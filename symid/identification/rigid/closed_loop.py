@@ -332,8 +332,7 @@ def _iterate(problem: ClosedLoopProblem, start: Mapping[str, float], solve: Solv
                 raise SolverError(Notice(code="solver.controlled-robot", text=text)) from error
         values = values + share * step
     apart: list[FloatArray] = []
-    for recording, loop, run in zip(problem.recordings, problem.loops, runs, strict=True):
-        kept = _select_compared(problem, recording, loop)
+    for (recording, loop, kept), run in zip(_list_cases(problem), runs, strict=True):
         measured = recording.position[kept]
         pair = np.hstack([run.q[kept] - measured, loop.reference[kept] - measured])
         apart.append(logs.decimate(pair, problem.processing.decimation))
@@ -341,11 +340,14 @@ def _iterate(problem: ClosedLoopProblem, start: Mapping[str, float], solve: Solv
     return replace(found, changes=tuple(changes), tracking=tracking, lag=lag)
 
 
-def _select_compared(problem: ClosedLoopProblem, recording: Recording, loop: ClosedLoop) -> slice:
-    """Return the samples that are compared, after the initial state of the simulation has no effect."""
-    settled = math.ceil(compute_settling(loop.controller) / recording.period)
-    first = max(problem.processing.drop_first, settled)
-    return slice(first, len(recording.time) - problem.processing.drop_last)
+def _list_cases(problem: ClosedLoopProblem) -> list[tuple[Recording, ClosedLoop, slice]]:
+    """Return recordings, loops, and the samples on which the initial state of a simulation has no effect."""
+    found = []
+    for recording, loop in zip(problem.recordings, problem.loops, strict=True):
+        settled = math.ceil(compute_settling(loop.controller) / recording.period)
+        first = max(problem.processing.drop_first, settled)
+        found.append((recording, loop, slice(first, len(recording.time) - problem.processing.drop_last)))
+    return found
 
 
 def _simulate(problem: ClosedLoopProblem, values: FloatArray) -> list[Signals]:
@@ -363,8 +365,7 @@ def fit_output_error(problem: ClosedLoopProblem, start: Mapping[str, float]) -> 
 
     def solve(values: FloatArray, runs: Sequence[Signals]) -> ClosedLoopFit:
         pairs: list[tuple[regression.Rows, regression.Rows]] = []
-        for recording, loop, run in zip(problem.recordings, problem.loops, runs, strict=True):
-            kept = _select_compared(problem, recording, loop)
+        for (recording, _, kept), run in zip(_list_cases(problem), runs, strict=True):
             columns = {name: getattr(run, name)[kept] for name in ("time", "q", "dq", "ddq")}
             bad = None if recording.bad is None else recording.bad[kept]
             signals = Signals(**columns, tau=recording.torque[kept], period=run.period, bad=bad)
@@ -438,16 +439,11 @@ def estimate_start(problem: ClosedLoopProblem) -> dict[str, float] | None:
     return {name: values[k] for k, name in enumerate(measured[0].names) if learnable[k]}
 
 
-def _list_settings(problem: ClosedLoopProblem) -> list[tuple[Recording, Processing]]:
-    """Return each recording, processed from where the initial state of the simulation has no effect."""
-    return [
-        (recording, replace(problem.processing, drop_first=_select_compared(problem, recording, loop).start))
-        for recording, loop in zip(problem.recordings, problem.loops, strict=True)
-    ]
-
-
 def _build_measured(problem: ClosedLoopProblem) -> list[regression.Rows]:
-    return [regression.prepare_rows("torque", problem.library, *pair) for pair in _list_settings(problem)]
+    cases = [
+        (log, replace(problem.processing, drop_first=kept.start)) for log, _, kept in _list_cases(problem)
+    ]
+    return [regression.prepare_rows("torque", problem.library, *case) for case in cases]
 
 
 def _build_beside(
@@ -455,8 +451,8 @@ def _build_beside(
 ) -> regression.Rows:
     """Return the rows along other positions (N, n) of each recording, beside the measured ones."""
     parts = []
-    pairs = _list_settings(problem)
-    for (recording, processing), position, rows in zip(pairs, positions, measured, strict=True):
+    for (recording, _, span), position, rows in zip(_list_cases(problem), positions, measured, strict=True):
+        processing = replace(problem.processing, drop_first=span.start)
         signals = logs.prepare_signals(replace(recording, position=position), processing)
         signals = regression.hold_resting_joints(signals, regression.list_resting_joints(recording))
         whole = regression.build_rows("torque", problem.library, signals, processing)
@@ -516,6 +512,7 @@ def identify_closed_loop(
     size = np.linalg.norm(np.vstack([logs.decimate(log.torque, thin) for log in recordings]), axis=0)
     share = 100.0 * np.linalg.norm(missing, axis=0) / np.where(size > 0.0, size, 1.0)
     joints = zip(library.card.joints, found.tracking.tolist(), found.lag.tolist(), strict=True)
+    keys = ("joint", "unit", "simulated_from_measured", "reference_from_measured")
     stated = list_controller(controller)
     logged = all(recording.reference_velocity is not None for recording in problem.recordings)
     velocity = "logged" if logged else "differentiated"
@@ -524,13 +521,8 @@ def identify_closed_loop(
         "iterations": len(found.changes),
         "changes": list(found.changes),
         "tracking": [
-            {
-                "joint": joint.name,
-                "unit": joint.position_unit,
-                "simulated_from_measured": apart,
-                "reference_from_measured": lag,
-            }
-            for joint, apart, lag in joints
+            dict(zip(keys, (joint.name, joint.position_unit, *sizes), strict=True))
+            for joint, *sizes in joints
         ],
         **verdict,
         "controller": {
