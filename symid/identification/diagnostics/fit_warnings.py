@@ -156,17 +156,14 @@ def warn_of_correlated_residuals(
     blocks = compute_block_deviations(rows, fit, identifiability)
     # A fit to the last bit leaves rounding, whose correlation has no meaning.
     least = numerics.EXACT * np.abs(fit.values).max()
-    known = [k for k in np.flatnonzero(identifiability.identifiable) if stated[k] > least]
-    ratios = [float(blocks[k] / stated[k]) for k in known]
-    chances = adjust_chances([float(scipy.special.chdtrc(BLOCKS, BLOCKS * ratio**2)) for ratio in ratios])
-    far = {
-        rows.names[k]: ratio
-        for k, ratio, chance in zip(known, ratios, chances, strict=True)
-        if chance < POLICY.alarm
-    }
-    if not far:
+    known = np.flatnonzero(identifiability.identifiable & (stated > least))
+    ratios = blocks[known] / stated[known]
+    chances = adjust_chances(scipy.special.chdtrc(BLOCKS, BLOCKS * ratios**2).tolist())
+    far = np.flatnonzero(np.array(chances) < POLICY.alarm)
+    if not len(far):
         return ()
-    return (build_warning("identify.pattern", names=", ".join(far), ratio=max(far.values())),)
+    names = ", ".join(rows.names[k] for k in known[far])
+    return (build_warning("identify.pattern", names=names, ratio=ratios[far].max()),)
 
 
 def evaluate_inertia_columns(library: Library, q: FloatArray) -> Iterator[FloatArray]:
@@ -209,16 +206,10 @@ def warn_of_moving_ends(processing: Processing, recordings: Sequence[Recording])
         ends = zip(("begins", "ends"), ("drop_first", "drop_last"), spoilt, strict=True)
         bad = [(verb, name) for verb, name, least in ends if getattr(processing, name) < least]
         if bad:
-            notices.append(
-                build_warning(
-                    "identify.moving-ends",
-                    file=recording.source,
-                    ends=" and ".join(verb for verb, _ in bad),
-                    cutoff=processing.filter_cutoff,
-                    spoilt=max(spoilt),
-                    settings=" ".join(f"--set processing.{name}={max(spoilt)}" for _, name in bad),
-                )
-            )
+            told: dict[str, object] = {"cutoff": processing.filter_cutoff, "spoilt": max(spoilt)}
+            told["ends"] = " and ".join(verb for verb, _ in bad)
+            told["settings"] = " ".join(f"--set processing.{name}={max(spoilt)}" for _, name in bad)
+            notices.append(build_warning("identify.moving-ends", file=recording.source, **told))
     return tuple(notices)
 
 

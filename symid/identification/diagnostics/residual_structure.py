@@ -438,16 +438,15 @@ def predict_torques(
 def compute_band_residual(prediction: TorquePrediction) -> BandResidual:
     """Return the residual of every joint that counts."""
     joints, ranges = [], []
-    errors = prediction.measured - prediction.predicted
-    for index in prediction.counted:
-        measured = prediction.measured[:, index]
-        found = Residual.measure(
-            prediction.joints[index], errors[:, index], measured, prediction.units[index]
+    errors, counted = prediction.measured - prediction.predicted, list(prediction.counted)
+    for index in counted:
+        measured, name = prediction.measured[:, index], prediction.joints[index]
+        found, spread = (
+            Residual.measure(name, errors[:, index], measured, prediction.units[index]),
+            np.ptp(measured),
         )
-        spread = float(np.ptp(measured))
         joints.append(found)
-        ranges.append(100.0 * found.std / spread if spread else float("inf"))
-    counted = list(prediction.counted)
+        ranges.append(100.0 * found.std / float(spread) if spread else float("inf"))
     whole, left = (float(np.linalg.norm(part[:, counted])) for part in (prediction.measured, errors))
     alike = len(joints) > 1 and len({entry.unit for entry in joints}) == 1 and whole > 0.0
     return BandResidual(

@@ -57,7 +57,7 @@ def list_correlated(covariance: FloatArray, names: Sequence[str]) -> tuple[tuple
     The variance 1 - r^2 of the other falls `POLICY.fall` times then; the closest pair is first.
     """
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    inverse = np.where(deviation > 0.0, 1.0 / np.where(deviation > 0.0, deviation, 1.0), 0.0)
+    inverse = np.divide(1.0, deviation, out=np.zeros_like(deviation), where=deviation > 0.0)
     first, second = np.triu_indices(len(names), 1)
     found = np.clip(covariance * inverse[:, None] * inverse, -1.0, 1.0)[first, second]
     close = POLICY.fall * (1.0 - found**2) <= 1.0
@@ -193,7 +193,7 @@ def select_essential(
     factor = compute_triangle(np.column_stack([weighted, rows.values * fit.weights]))
     stated = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     blocks = compute_block_deviations(rows, fit, identifiability)
-    ratio: FloatArray = np.where(stated > 0.0, blocks / np.where(stated > 0.0, stated, 1.0), 1.0)
+    ratio = np.divide(blocks, stated, out=np.ones_like(stated), where=stated > 0.0)
     inflation = np.maximum(ratio, 1.0)[candidates]
     _, independent = regression.count_freedom(freedom, fit.spent, rows.independent)
     left = max(independent * (len(rows.values) - float(fit.spent.sum())), 1.0)
@@ -296,14 +296,12 @@ def measure_drift(rows: regression.Rows, fit: RegressionFit, freedom: str = "ban
         chance = float(scipy.special.fdtrc(count, regression.BLOCKS - 1, square / count))
         changes.append(ParameterDrift(name, tuple(values.tolist()), tuple(deviations.tolist()), chance))
     chances = adjust_chances([entry.chance for entry in changes])
-    changed = sorted(
-        (
-            entry
-            for entry, chance in zip(changes, chances, strict=True)
-            if chance < POLICY.alarm and np.ptp(entry.values) > POLICY.relevance * abs(np.mean(entry.values))
-        ),
-        key=lambda entry: entry.chance,
-    )
+    changed = [
+        entry
+        for entry, chance in zip(changes, chances, strict=True)
+        if chance < POLICY.alarm and np.ptp(entry.values) > POLICY.relevance * abs(np.mean(entry.values))
+    ]
+    changed.sort(key=lambda entry: entry.chance)
     return Drift(runs=tuple(alone), changed=tuple(changed), compared=len(changes))
 
 
