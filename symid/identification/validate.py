@@ -189,8 +189,8 @@ def validate_fit(
     within = None
     if band is not None:
         values = found.assemble([entry.name for entry in (*card.beta, *card.friction)])
-        predicted = diagnostics.predict_torques(values, library, recording, settled.processing, band=band)
-        within = diagnostics.compute_band_residual(predicted)
+        call = values, library, recording, settled.processing
+        within = diagnostics.compute_band_residual(*call, band=band)
     return RigidValidation(
         robot=described,
         source=validation.source,

@@ -35,7 +35,6 @@ if TYPE_CHECKING:
         ResidualFinding as ResidualFinding,
         analyse_residuals as analyse_residuals,
         compute_band_residual as compute_band_residual,
-        predict_torques as predict_torques,
     )
 else:
     from symid.lazy import load_names

@@ -1,7 +1,7 @@
 """What a model leaves of a log: the terms that it misses, and the residual within a band of frequencies.
 
 Parameters, the library of their model, recordings -> `JointResidual` of each joint that moves ->
-`ResidualFinding`s; a recording and a band -> `TorquePrediction` -> `BandResidual`.
+`ResidualFinding`s; a recording and a band -> `BandResidual`.
 
 For every joint, families of functions that the model does not have are tried on the residual, one at a time.
 What the model's own columns at that joint explain is taken out of residual and functions first (e', C'), and
@@ -50,7 +50,7 @@ from symid.logs import (
     prepare_signals,
 )
 from symid.robot import Decimation, Processing
-from symid.serialization import name_key
+from symid.serialization import HIDDEN, name_key
 
 
 class JointMotion(NamedTuple):
@@ -359,34 +359,22 @@ _FEWEST = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TorquePrediction(FrozenArrays):
-    """Measured and predicted torques of one log, both low-passed at `band` Hz; `time` (N,) in s.
-
-    `measured` and `predicted` are (N, n), N m or N, joint side, the former without the torque of a known
-    payload; `counted` are the indices of the joints whose torque counts.
-    """
-
-    joints: tuple[str, ...]
-    units: tuple[str, ...]
-    time: FloatArray
-    measured: FloatArray
-    predicted: FloatArray
-    counted: tuple[int, ...]
-    band: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BandResidual:
+class BandResidual(FrozenArrays):
     """The residual of a model on a log within a band in Hz, of each joint that counts.
 
     `std` of `joints` is the root mean square, `range_percent` that over the range of the measured torque;
-    `stacked_percent` is of all joints as one vector, None for one joint and where units differ.
+    `stacked_percent` is of all joints as one vector, None for one joint and where units differ. `measured`
+    and `predicted` (N, n) are the torques behind it at `time` (N,) s, both low-passed, in N m or N on the
+    joint side, the former without the torque of a known payload.
     """
 
     joints: tuple[Residual, ...]
     range_percent: tuple[float, ...]
     band: float
     stacked_percent: float | None = None
+    time: FloatArray = field(metadata=HIDDEN)
+    measured: FloatArray = field(metadata=HIDDEN)
+    predicted: FloatArray = field(metadata=HIDDEN)
 
     @property
     def mean_relative_percent(self) -> float:
@@ -394,10 +382,10 @@ class BandResidual:
         return compute_mean_relative(self.joints)
 
 
-def predict_torques(
+def compute_band_residual(
     values: FloatArray, library: Library, recording: Recording, processing: Processing, *, band: float
-) -> TorquePrediction:
-    """Return measured and predicted torques of `recording`, both low-passed at `band` Hz.
+) -> BandResidual:
+    """Return what a model leaves of the torques of `recording` below `band` Hz.
 
     `values` (p,) are base parameters and friction. Of `processing` the filter of the positions is used,
     chosen from the log if left open, and the samples cut at either end.
@@ -413,7 +401,7 @@ def predict_torques(
             f"within a band that leaves out {condensing.ENDS:g} s at either end; cut off less, or log longer"
         )
         raise LogError(Notice(code="validate.short-log", text=text, file=recording.source))
-    kept, joints = slice(left, len(signals.time) - left), library.card.joints
+    kept, cards = slice(left, len(signals.time) - left), library.card.joints
     torque = recording.torque[processing.drop_first :][: len(signals.time)]
     load = regression.compute_payload_torque(library, signals, recording)
     torque = torque if load is None else torque - load
@@ -424,34 +412,20 @@ def predict_torques(
         low_pass(torques, period=signals.period, cutoff=band, order=_ORDER)[kept]
         for torques in (torque, found)
     )
-    return TorquePrediction(
-        joints=tuple(joint.name for joint in joints),
-        units=tuple(joint.torque_unit for joint in joints),
-        time=signals.time[kept],
-        measured=measured,
-        predicted=predicted,
-        counted=tuple(k for k, joint in enumerate(joints) if k not in resting or joint.friction == "none"),
-        band=band,
-    )
-
-
-def compute_band_residual(prediction: TorquePrediction) -> BandResidual:
-    """Return the residual of every joint that counts."""
-    joints, ranges = [], []
-    errors, counted = prediction.measured - prediction.predicted, list(prediction.counted)
-    for index in counted:
-        measured, name = prediction.measured[:, index], prediction.joints[index]
-        found, spread = (
-            Residual.measure(name, errors[:, index], measured, prediction.units[index]),
-            np.ptp(measured),
-        )
-        joints.append(found)
-        ranges.append(100.0 * found.std / float(spread) if spread else float("inf"))
-    whole, left = (float(np.linalg.norm(part[:, counted])) for part in (prediction.measured, errors))
+    errors, joints, ranges = measured - predicted, list[Residual](), list[float]()
+    counted = [k for k, card in enumerate(cards) if k not in resting or card.friction == "none"]
+    for k in counted:
+        spread, unit = float(np.ptp(measured[:, k])), cards[k].torque_unit
+        joints.append(Residual.measure(cards[k].name, errors[:, k], measured[:, k], unit))
+        ranges.append(100.0 * joints[-1].std / spread if spread else float("inf"))
+    whole, rest = (float(np.linalg.norm(part[:, counted])) for part in (measured, errors))
     alike = len(joints) > 1 and len({entry.unit for entry in joints}) == 1 and whole > 0.0
     return BandResidual(
         joints=tuple(joints),
         range_percent=tuple(ranges),
-        band=prediction.band,
-        stacked_percent=100.0 * left / whole if alike else None,
+        band=band,
+        stacked_percent=100.0 * rest / whole if alike else None,
+        time=signals.time[kept],
+        measured=measured,
+        predicted=predicted,
     )
