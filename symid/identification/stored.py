@@ -241,19 +241,19 @@ def _read_json(path: Path) -> object:
     except (OSError, ValueError) as error:
         # No file can have a name that holds a null byte or no Unicode.
         raise _refuse(path, f"cannot be read: {getattr(error, 'strerror', error)}") from error
+
+    def refuse(name: str) -> float:
+        message = f"{name} is not a number in JSON"
+        raise ValueError(message)
+
     try:
-        return json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_build_table)
+        return json.loads(text, parse_constant=refuse, object_pairs_hook=_build_table)
     except json.JSONDecodeError as error:
         raise _refuse(path, f"not JSON: {error.msg}", line=error.lineno, column=error.colno) from error
     except RecursionError as error:
         raise _refuse(path, "nested too deeply to be an estimate") from error
     except ValueError as error:
         raise _refuse(path, f"not JSON: {error}") from error
-
-
-def _refuse_constant(name: str) -> float:
-    message = f"{name} is not a number in JSON"
-    raise ValueError(message)
 
 
 def _build_table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

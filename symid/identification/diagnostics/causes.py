@@ -318,15 +318,10 @@ def list_terms(logs: FollowedLogs, values: FloatArray) -> Iterator[Hypothesis]:
     # Of each log apart: slopes must not cross from one to the next.
     parts = [np.flatnonzero(motion.run == run) for run in np.unique(motion.run)]
     for joint, entry in enumerate(logs.library.card.joints):
-        motions = [
-            pick_motion(
-                (time[own], motion.q[own], motion.dq[own], motion.ddq[own]),
-                joint,
-                predicted[own, joint],
-                motion.period,
-            )
-            for own in parts
-        ]
+        motions = []
+        for own in parts:
+            states = time[own], motion.q[own], motion.dq[own], motion.ddq[own]
+            motions.append(pick_motion(states, joint, predicted[own, joint], motion.period))
         for name, family in FAMILIES.items():
             # No model lacks the size of a torque, or a delay: these are mistakes.
             if name in {OTHER_VALUES, "scale", "delay"}:

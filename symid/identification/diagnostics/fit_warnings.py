@@ -17,16 +17,9 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import Notice, shorten_names
+from symid.identification import regression
 from symid.identification.estimators import ParameterEstimate, RegressionFit, measure_influence
 from symid.identification.judge import POLICY, adjust_chances, numerics
-from symid.identification.regression import (
-    BLOCKS,
-    SCALAR_KINDS,
-    STATES,
-    Identifiability,
-    Rows,
-    measure_moving_ends,
-)
 from symid.logs import Recording
 from symid.robot import Processing
 
@@ -136,21 +129,23 @@ def sum_block_scores(
     return total, count
 
 
-def compute_block_deviations(rows: Rows, fit: RegressionFit, identifiability: Identifiability) -> FloatArray:
+def compute_block_deviations(
+    rows: regression.Rows, fit: RegressionFit, identifiability: regression.Identifiability
+) -> FloatArray:
     """Return standard deviations (p,) from the clustered covariance over blocks of each group's rows."""
     found = measure_influence(rows, identifiability.basis, fit.weights, fit.residuals)
-    total, _ = sum_block_scores(found.scores, found.residuals, rows.group, BLOCKS)
+    total, _ = sum_block_scores(found.scores, found.residuals, rows.group, regression.BLOCKS)
     return np.asarray(np.sqrt(np.maximum(np.diag(found.left @ total @ found.left.T), 0.0)))
 
 
 def warn_of_correlated_residuals(
-    rows: Rows, fit: RegressionFit, identifiability: Identifiability
+    rows: regression.Rows, fit: RegressionFit, identifiability: regression.Identifiability
 ) -> tuple[Notice, ...]:
     """Return a notice where residuals are correlated, so that the stated deviations are too small.
 
     Were they not, the variance of each parameter over blocks would be the stated one times chi-squared.
     """
-    if rows.kind in SCALAR_KINDS:
+    if rows.kind in regression.SCALAR_KINDS:
         return ()
     stated = np.sqrt(np.diag(fit.covariance))
     blocks = compute_block_deviations(rows, fit, identifiability)
@@ -158,7 +153,7 @@ def warn_of_correlated_residuals(
     least = numerics.EXACT * np.abs(fit.values).max()
     known = np.flatnonzero(identifiability.identifiable & (stated > least))
     ratios = blocks[known] / stated[known]
-    chances = adjust_chances(scipy.special.chdtrc(BLOCKS, BLOCKS * ratios**2).tolist())
+    chances = adjust_chances(scipy.special.chdtrc(regression.BLOCKS, regression.BLOCKS * ratios**2).tolist())
     far = np.flatnonzero(np.array(chances) < POLICY.alarm)
     if not len(far):
         return ()
@@ -182,7 +177,9 @@ def warn_of_mass_matrix(
 ) -> tuple[Notice, ...]:
     """Return a notice where M, of values (p,), is not positive definite at poses of the recordings."""
     positions = np.vstack([recording.position for recording in recordings])
-    poses = positions[np.linspace(0, len(positions) - 1, min(STATES, len(positions))).round().astype(int)]
+    poses = positions[
+        np.linspace(0, len(positions) - 1, min(regression.STATES, len(positions))).round().astype(int)
+    ]
     beta = values[: len(library.card.beta)]
     mass = np.stack([column @ beta for column in evaluate_inertia_columns(library, poses)], axis=2)
     least = np.linalg.eigvalsh((mass + np.swapaxes(mass, 1, 2)) / 2.0)[:, 0]
@@ -202,7 +199,7 @@ def warn_of_moving_ends(processing: Processing, recordings: Sequence[Recording])
     """Return which logs begin or end in motion with nothing cut off there; `processing` is the one used."""
     notices = []
     for recording in recordings:
-        spoilt = measure_moving_ends(processing, [recording])
+        spoilt = regression.measure_moving_ends(processing, [recording])
         ends = zip(("begins", "ends"), ("drop_first", "drop_last"), spoilt, strict=True)
         bad = [(verb, name) for verb, name, least in ends if getattr(processing, name) < least]
         if bad:

@@ -25,7 +25,7 @@ momentum rows: whatever the fit, those of torque rows are used.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -68,12 +68,10 @@ class JointMotion(NamedTuple):
     period: float
 
 
-def pick_motion(
-    states: Sequence[FloatArray], joint: int, load: FloatArray, period: float, resting: Collection[int] = ()
-) -> JointMotion:
-    """Return the motion of a joint from time (N,), q, dq and ddq (N, n); `resting` are no other joints."""
+def pick_motion(states: Sequence[FloatArray], joint: int, load: FloatArray, period: float) -> JointMotion:
+    """Return the motion of a joint from time (N,), q, dq and ddq (N, n)."""
     time, q, dq, ddq = states
-    others = [(dq[:, k], ddq[:, k]) for k in range(q.shape[1]) if k != joint and k not in resting]
+    others = [(dq[:, k], ddq[:, k]) for k in range(q.shape[1]) if k != joint]
     return JointMotion(time, q[:, joint], dq[:, joint], ddq[:, joint], load, others, period)
 
 

@@ -391,7 +391,6 @@ def check_model(record: FitRecord, card: ModelCard, file: str = "") -> None:
             text = f"the fit does not match the model {card.robot!r}: {', '.join(strangers)}; identify again"
             raise EstimateError(Notice(code="estimate.parameters", text=text, file=file))
         return
-    check_robot(record, card.robot, file)
     difference = (
         f"the model of robot {card.robot!r} has changed since: its signature is {card.signature[:12]}, "
         f"that of the fit {record.signature[:12]}"
@@ -400,20 +399,17 @@ def check_model(record: FitRecord, card: ModelCard, file: str = "") -> None:
     theirs = ", ".join(joint.friction for joint in card.joints)
     if own and own != theirs:
         difference = f"its friction models are {own}, those of the robot {theirs}"
-    raise _refuse_model(difference, file)
+    check_robot(record, card.robot, file, difference)
 
 
-def check_robot(record: FitRecord, robot: str, file: str = "") -> None:
-    """Raise EstimateError where the record was made for a robot of another name."""
+def check_robot(record: FitRecord, robot: str, file: str = "", difference: str = "") -> None:
+    """Raise EstimateError where the record was made for a robot of another name, or with a `difference`."""
     if record.robot != robot:
         difference = f"it was identified for robot {record.robot!r}, not for {robot!r}"
-        raise _refuse_model(difference, file)
-
-
-def _refuse_model(difference: str, file: str) -> EstimateError:
-    text = f"the fit does not match the model: {difference}"
-    text += "; use the same robot and options, or identify again"
-    return EstimateError(Notice(code="estimate.signature", text=text, file=file))
+    if difference:
+        text = f"the fit does not match the model: {difference}"
+        text += "; use the same robot and options, or identify again"
+        raise EstimateError(Notice(code="estimate.signature", text=text, file=file))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

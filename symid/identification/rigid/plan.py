@@ -19,14 +19,7 @@ import numpy as np
 
 from symid.codegen import Library
 from symid.errors import Notice, UsageError
-from symid.identification import estimators, judge
-from symid.identification.regression import (
-    SCALAR_KINDS,
-    choose_filters,
-    condensing,
-    count_spoilt,
-    measure_moving_ends,
-)
+from symid.identification import estimators, judge, regression
 from symid.identification.rigid.settings_choice import PASSED, SettingsStudy, choose_settings
 from symid.joint_models import NO_FRICTION, get_law
 from symid.logs import Recording
@@ -79,8 +72,8 @@ def plan_fit(
         raise UsageError(Notice(code="usage.no-instruments", text=text))
     spans = [entry.time[-1] - entry.time[0] for entry in recordings]
     count = 2.0 * judge.POLICY.row_band / recordings[0].period * library.card.size * sum(spans)
-    if rows in SCALAR_KINDS or count < len(library.card.fitted):
-        filters = choose_filters(processing, recordings)
+    if rows in regression.SCALAR_KINDS or count < len(library.card.fitted):
+        filters = regression.choose_filters(processing, recordings)
         settled = cut_moving_ends(filters.processing, recordings) if processing.left_open else processing
         settled = replace(settled, automatic=False)
         return FitPlan(processing=settled, estimator=wanted, notices=filters.notices)
@@ -178,9 +171,9 @@ def cut_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> 
     stated is never cut less.
     """
     cutoff = processing.instrument_cutoff or processing.filter_cutoff
-    ends = measure_moving_ends(replace(processing, filter_cutoff=cutoff), recordings)
-    most = round(condensing.PART * min(len(entry.time) for entry in recordings))
-    spoilt = max(count_spoilt(processing.filter_cutoff, entry.period) for entry in recordings)
+    ends = regression.measure_moving_ends(replace(processing, filter_cutoff=cutoff), recordings)
+    most = round(regression.condensing.PART * min(len(entry.time) for entry in recordings))
+    spoilt = max(regression.count_spoilt(processing.filter_cutoff, entry.period) for entry in recordings)
     first, last = (max(spoilt, min(end, most)) for end in ends)
     return replace(
         processing,
