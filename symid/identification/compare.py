@@ -389,21 +389,14 @@ class Compared:
     def values(self) -> tuple[ComparedValue, ...]:
         """Return the values of both sides, group by group."""
         found = self.comparison
-        return tuple(
-            ComparedValue(
-                group=group.text,
-                read_as=group.read_as,
-                unit=group.unit,
-                line=group.line,
-                ours=float(found.ours.values[k]),
-                ours_std=float(found.ours.std[k]),
-                theirs=float(found.theirs.values[k]),
-                theirs_std=float(found.theirs.std[k]),
-                difference=float(found.difference[k]),
-                deviations=float(found.deviations[k]),
-            )
-            for k, group in enumerate(self.groups)
-        )
+        both = found.ours.values, found.ours.std, found.theirs.values, found.theirs.std
+        names = ("ours", "ours_std", "theirs", "theirs_std", "difference", "deviations")
+        table = np.column_stack([*both, found.difference, found.deviations]).tolist()
+        values = []
+        for group, row in zip(self.groups, table, strict=True):
+            said = {name: getattr(group, name) for name in ("read_as", "unit", "line")}
+            values.append(ComparedValue(group=group.text, **said, **dict(zip(names, row, strict=True))))
+        return tuple(values)
 
 
 def check_files(paths: Sequence[Path], source: Path | None = None) -> None:

@@ -106,21 +106,19 @@ class JointSigns:
 
 def estimate_signs(log: StudiedLog, library: Library, robot: Robot) -> tuple[JointSigns, ...]:
     """Return shares of inertia and friction of every joint that moves."""
-    symbols = dict(robot.symbols)
-    lengths = [
-        float(np.linalg.norm([value.to_float(symbols) for value in joint.placement.translation]))
-        for joint in robot.joints
-    ]
+    symbols, length = dict(robot.symbols), 0.0
+    for joint in robot.joints:
+        length += float(np.linalg.norm([value.to_float(symbols) for value in joint.placement.translation]))
     # Half of the distances between joints in m, which are a tenth of one at least.
-    reach = 0.5 * max(0.1, sum(lengths))
+    reach = 0.5 * max(0.1, length)
     shares = diagnostics.measure_shares(library, log.motion, log.columns, log.study.fit)
     stds = np.linalg.norm(shares.changes, axis=0)
     found = []
-    for joint in log.moving:
-        mass = float(shares.inertia[joint])
-        mass = mass if robot.axes[joint].kind is JointKind.PRISMATIC else mass / reach**2
-        (inertia, friction), (inertia_std, friction_std) = shares.values[joint].tolist(), stds[joint].tolist()
-        found.append(JointSigns(joint, inertia, inertia_std, friction, friction_std, mass))
+    for place in log.moving:
+        mass = float(shares.inertia[place])
+        mass = mass if robot.axes[place].kind is JointKind.PRISMATIC else mass / reach**2
+        (inertia, friction), (inertia_std, friction_std) = shares.values[place].tolist(), stds[place].tolist()
+        found.append(JointSigns(place, inertia, inertia_std, friction, friction_std, mass))
     return tuple(found)
 
 
