@@ -24,7 +24,7 @@ from symid.identification.compare import (
     compare_values,
     compute_grouped_values,
 )
-from symid.identification.diagnostics.residual_structure import compute_band_residual, predict_torques
+from symid.identification.diagnostics.residual_structure import compute_band_residual
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.validation import diagnose_estimate, read_fit_processing
 from symid.logs.reader import read_recording
@@ -47,8 +47,8 @@ def measure(library, estimate, recording, band):
     """Return the mean relative residual of a log within a band, in percent; it is processed as in the fit."""
     processing = read_fit_processing(estimate.settings)
     names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
-    prediction = predict_torques(estimate.assemble(names), library, recording, processing, band=band)
-    return compute_band_residual(prediction).mean_relative_percent
+    values = estimate.assemble(names)
+    return compute_band_residual(values, library, recording, processing, band=band).mean_relative_percent
 
 
 def show_tx40(folder):
@@ -145,8 +145,8 @@ def show_kr300(folder):
     essential = found.essential
     whole = len(essential.kept) + len(essential.dropped)
     processing = read_fit_processing(both.settings)
-    prediction = predict_torques(essential.values, library, logs["c"], processing, band=10.0)
-    percent = compute_band_residual(prediction).mean_relative_percent
+    left = compute_band_residual(essential.values, library, logs["c"], processing, band=10.0)
+    percent = left.mean_relative_percent
     print(f"  {len(essential.kept)} of {whole} parameters are essential; with them alone C {percent:.2f} %")
 
 

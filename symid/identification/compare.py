@@ -35,11 +35,7 @@ from symid.serialization import HIDDEN, name_key
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class StatedValues(FrozenArrays):
-    """Values in SI units with their covariance.
-
-    Args:
-        values: (m,). covariance: (m, m); where a deviation is not known, its row and column are NaN.
-    """
+    """Values (m,) in SI units with their covariance (m, m), NaN in row and column where it is not known."""
 
     values: FloatArray
     covariance: FloatArray
@@ -61,8 +57,8 @@ class StatedValues(FrozenArrays):
 class ChiSquare:
     """The sum of squares of `freedom` differences in deviations, correlations counted.
 
-    `chance` is the probability of at least `value` where the stated deviations are true; `log_size` is
-    log det V.
+    `chance` is the probability of at least `value` where the stated deviations are true; `log_size` log det
+    V.
     """
 
     value: float
@@ -80,10 +76,9 @@ class ChiSquare:
 class ValueComparison:
     """Two sets of values beside each other, group by group; NaN where something is not known.
 
-    Args:
-        ours, theirs: with difference = ours - theirs, and `deviations` z: (m,).
-        chi_square: over all groups that have a deviation; None where V is singular, or there are none.
-        scale: factor on all deviations with which the median of |z| is that of chance, at least 1.
+    `difference` is ours - theirs, `deviations` z: (m,); `chi_square` over all groups that have a deviation,
+    None where V is singular, or there are none; `scale` the factor on all deviations with which the median of
+    |z| is that of chance, at least 1.
     """
 
     ours: StatedValues
@@ -118,8 +113,8 @@ class TriedReading:
     """The effect of a term in a group: z `before` and `after`, and by how much chi-square falls.
 
     `trial` is the number of the term, `log_ratio` the logarithm of the likelihood ratio with and without it.
-    `decisive`: so large a ratio is no chance, see `try_readings`; `rivals` counts other terms in the same
-    group that are as likely.
+    `decisive`: so large a ratio is no chance; `rivals` counts other terms in the same group that are as
+    likely.
     """
 
     before: float
@@ -279,12 +274,8 @@ def list_shared_logs(first: Sequence[tuple[str, str]], second: Sequence[tuple[st
 class EstimateSide:
     """An estimate that is compared, and its values in the order of its base parameters.
 
-    Args:
-        source: where it is from.
-        identified: its values, with the robot.
-        names: of its parameters, with `values`.
-        logs: path and digest of each log; an empty digest is not known.
-        notices: warnings about its deviations, and what of it is not compared.
+    `identified` has its values, with the robot; `logs` path and digest of each log, empty where it is not
+    known; `notices` warn about its deviations, and say what of it is not compared.
     """
 
     source: Path
@@ -341,11 +332,9 @@ class ComparedGroup:
 class ComparedValue:
     """The values of a group on both sides, in SI units; NaN where something is not known.
 
-    Args:
-        group: as the other writes it; `read_as` what it was read as, if otherwise.
-        unit: of the values; `line` of the group in a table, 0 where there is none.
-        ours, theirs: the values; ours_std, theirs_std: their standard deviations.
-        difference: ours - theirs; `deviations` the same in standard deviations of both sides together.
+    `group` is as the other writes it, `read_as` what it was read as, if otherwise; `line` that of a table, 0
+    where there is none; `difference` ours - theirs, `deviations` the same in standard deviations of both
+    sides together.
     """
 
     group: str
@@ -362,12 +351,10 @@ class ComparedValue:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class OtherSide:
-    """The other side of a comparison.
+    """The other side of a comparison, from `source`; `columns` those of a table, None of an estimate.
 
-    Args:
-        source: its path; `columns` those of a table, None of an estimate.
-        groups: with `values`; `strange` names what our model does not have.
-        shared: logs that both estimates were fitted to; None where that is not known.
+    `strange` names what our model does not have; `shared` logs that both estimates were fitted to, None where
+    that is not known.
     """
 
     source: Path
@@ -381,15 +368,12 @@ class OtherSide:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Compared:
-    """A comparison of one other side with ours.
+    """A comparison of one other side with ours, in the `groups` of both, in the other's order.
 
-    Args:
-        other: the other.
-        groups: those of both, in the other's order, with `comparison`.
-        not_ours: groups of the other's that we have no value for.
-        absent: our parameters that are in no group of the other's; `neither` those that ours has no value
-            for either; `lacking` how many further combinations of ours the other does not determine.
-        readings: terms that groups may hold without naming them, with the effect of each.
+    `not_ours` are groups of the other's that we have no value for; `absent` our parameters that are in none
+    of them, `neither` those that ours has no value for either; `lacking` how many further combinations of
+    ours the other does not determine; `readings` terms that groups may hold without naming them, with the
+    effect of each.
     """
 
     other: OtherSide
@@ -405,28 +389,18 @@ class Compared:
     def values(self) -> tuple[ComparedValue, ...]:
         """Return the values of both sides, group by group."""
         found = self.comparison
-        return tuple(
-            ComparedValue(
-                group=group.text,
-                read_as=group.read_as,
-                unit=group.unit,
-                line=group.line,
-                ours=float(found.ours.values[k]),
-                ours_std=float(found.ours.std[k]),
-                theirs=float(found.theirs.values[k]),
-                theirs_std=float(found.theirs.std[k]),
-                difference=float(found.difference[k]),
-                deviations=float(found.deviations[k]),
-            )
-            for k, group in enumerate(self.groups)
-        )
+        both = found.ours.values, found.ours.std, found.theirs.values, found.theirs.std
+        names = ("ours", "ours_std", "theirs", "theirs_std", "difference", "deviations")
+        table = np.column_stack([*both, found.difference, found.deviations]).tolist()
+        values = []
+        for group, row in zip(self.groups, table, strict=True):
+            said = {name: getattr(group, name) for name in ("read_as", "unit", "line")}
+            values.append(ComparedValue(group=group.text, **said, **dict(zip(names, row, strict=True))))
+        return tuple(values)
 
 
 def check_files(paths: Sequence[Path], source: Path | None = None) -> None:
-    """Refuse files that cannot be read, all at once, and a file beside itself.
-
-    `source` is where our estimate is from, if that is no path of this call.
-    """
+    """Refuse files that cannot be read, all at once, and a file beside itself; `source` is that of ours."""
     notices = []
     for path in paths:
         try:
@@ -499,8 +473,7 @@ def compare_with_table(
 ) -> Compared:
     """Return a table of values beside ours, in the table's groups.
 
-    `read_as` has groups of the table, by their text without blanks, and what to read them as. A UsageError
-    tells of missing columns and wrong readings, an EstimateError of all that is wrong with the table.
+    `read_as` has groups of the table, by their text without blanks, and what to read them as.
     """
     base, file = ours.identified.base, str(path)
 

@@ -57,21 +57,13 @@ class WrittenFriction:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FileExport:
-    """A file that was written.
+    """A file that was written, and the robot as it was written.
 
-    Args:
-        file: its path; robot: as it was written.
-        format: what the file is, in words.
-        outcome: how bodies were computed; "stated" where the robot file's own were taken, "friction" where
-            only friction was identified.
-        left_out: what the format cannot express.
-        missing: what was not identified.
-        standard: the bodies, None where none were computed.
-        costs: what these bodies cost joint by joint, where they are not those identified.
-        scales: of identified torques against those of the robot file's values, by joint.
-        rewritten: the file of which all else was kept, empty where the file is new.
-        friction: what was written where only friction was identified.
-        notices: what a user of the file must know.
+    `format` is what the file is, in words; `outcome` how bodies were computed, "stated" where the robot
+    file's own were taken, "friction" where only friction was identified; `left_out` what the format cannot
+    express; `missing` what was not identified; `standard` the bodies and `costs` what these cost joint by
+    joint; `scales` of identified torques against those of the robot file's values; `rewritten` the file of
+    which all else was kept, empty where the file is new.
     """
 
     file: Path
@@ -145,22 +137,11 @@ def write_stated(robot: robots.Robot, path: Path, options: ExportOptions) -> Fil
 
 
 def write_identified(found: Identified, source: Path, path: Path, options: ExportOptions) -> FileExport:
-    """Write the robot with identified values, from `source`.
-
-    An EstimateError tells that the bodies cost more of a joint's torque than the limit, see `measure_costs`,
-    that the torque is beyond the ratio, or that such a file cannot have the values.
-    """
+    """Write the robot with identified values; an EstimateError where bodies or scale are beyond limits."""
     check_format(path, options)
     library, limit = prepare_library(found.robot), options.limit
     most = POLICY.scale if options.ratio is None else options.ratio
-    scales = compare_fit_scales(
-        library,
-        found.robot,
-        [entry.name for entry in found.values],
-        [entry.value for entry in found.values],
-        found.covariance,
-        found.motion,
-    )
+    scales = compare_fit_scales(library, found.robot, found.values, found.covariance, found.motion)
     off = ", ".join(f"{entry.joint} {entry.ratio:.3g} times" for entry in scales if entry.is_beyond(most))
     if off:
         text = (
@@ -343,7 +324,6 @@ def place_in_source(
 
 
 def _write_new(found: Identified, suffix: str, folder: Path, outcome: str, options: ExportOptions) -> str:
-    """Return the text of a new file in a folder."""
     robot, whence = found.robot, f"values identified from {', '.join(found.sources)}"
     comment = f"{robot.name} with {whence if found.sources else 'the values of its robot file'}."
     match suffix:
@@ -363,7 +343,6 @@ def _write_new(found: Identified, suffix: str, folder: Path, outcome: str, optio
 
 
 def _build_values(found: Identified) -> robots.RobotValues:
-    """Return the robot's values as the vectors of its generated functions."""
     card = build_model_card(found.robot, found.base, ())
     known = {entry.name: entry for entry in found.values}
     titles = {

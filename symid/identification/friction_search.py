@@ -113,7 +113,6 @@ def needs_search(friction: str | Mapping[str, str] | None) -> bool:
 
 
 def _list_states(robot: Robot) -> dict[str, joint_models.FrictionLaw]:
-    """Return the laws with a state by joint."""
     laws = {joint.name: joint_models.get_friction_law(joint.friction) for joint in robot.axes}
     return {name: law for name, law in laws.items() if law is not None and law.memory}
 
@@ -161,11 +160,10 @@ def search_friction(
     *,
     progress: Callable[[str], None] = lambda _: None,
     **options: Any,  # noqa: ANN401 - those of `identify_parameters` from `rows` on
-) -> tuple[Estimate, Robot, Library]:
-    """Return the estimate, the robot with its laws, and the robot's functions.
+) -> tuple[Estimate, Library]:
+    """Return the estimate with its laws, and the functions of the robot that has them.
 
     `friction` is a law for all joints or "auto", or those of single joints by name; couplings keep theirs.
-    `prepare` returns the compiled functions of a robot; errors are those of `identify_parameters`.
     """
     axes = {joint.name: joint for joint in robot.axes}
     names = friction if isinstance(friction, Mapping) else dict.fromkeys(axes, friction)
@@ -196,7 +194,6 @@ def search_friction(
             if plan is None:
                 rows, estimator = options.get("rows", "torque"), options.get("estimator")
                 plan = rigid.plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
-                plan = replace(plan, laws_chosen=AUTO in names.values())
             estimate = rigid.identify_parameters(library, loaded, robot.processing, plan=plan, **options)
             before = _list_bent(found)
             # Where a step of shape values helps no more, others would lead away; loads settle by themselves.
@@ -225,7 +222,7 @@ def search_friction(
     estimate, found, library, _ = result
     laws = rigid.compare_friction(choice, {joint.name: joint.friction for joint in found.axes})
     estimate = replace(estimate, notices=(*choice.notices, *laws, *estimate.notices))
-    return _record_laws(estimate, found, robot, library, choice, names), found, library
+    return _record_laws(estimate, found, robot, library, choice, names), library
 
 
 def _take_deviations(estimate: Estimate, later: Estimate) -> Estimate:
@@ -236,7 +233,6 @@ def _take_deviations(estimate: Estimate, later: Estimate) -> Estimate:
 
 
 def _list_searched(robot: Robot, names: Collection[str]) -> tuple[ParameterCard, ...]:
-    """Return the shape values of these joints as parameters."""
     found = list[ParameterCard]()
     for number, joint in enumerate(robot.joints, start=1):
         if joint.name in names and joint.friction.law != joint_models.NO_FRICTION:
@@ -252,15 +248,12 @@ def _list_searched(robot: Robot, names: Collection[str]) -> tuple[ParameterCard,
 
 def _list_bent(robot: Robot) -> dict[str, float]:
     """Return the values of laws with a shape by name: of the shape, and those that its columns hold."""
-    values = {
-        number: (joint_models.name_shape(joint.friction), joint_models.name_values(joint.friction))
-        for number, joint in enumerate(robot.joints, start=1)
-    }
-    return {
-        join_name(name, number): value
-        for number, (shape, linear) in values.items()
-        for name, value in (shape | linear if shape else {}).items()
-    }
+    found = dict[str, float]()
+    for number, joint in enumerate(robot.joints, start=1):
+        if shape := joint_models.name_shape(joint.friction):
+            values = shape | joint_models.name_values(joint.friction)
+            found |= {join_name(name, number): value for name, value in values.items()}
+    return found
 
 
 def _agree(values: FloatArray, before: FloatArray) -> bool:
@@ -274,7 +267,7 @@ def _measure_losses(library: Library, recordings: Sequence[Recording], processin
     cutoff = processing.filter_cutoff or 0.4 / recordings[0].period
     bands = [band * 2.0**k for k in range(-regression.condensing.SCORING, 1)]
     logs = regression.CondensedLogs(library, recordings, processing, bands, cutoff)
-    return logs.measure_losses(logs.fit(logs.scores[1], [0] * library.card.size))
+    return logs.measure_losses(regression.fit_sums(logs.scores[1], [0] * library.card.size, logs.fold))
 
 
 def _list_chosen(robot: Robot, names: Mapping[str, str]) -> list[str]:
@@ -287,7 +280,6 @@ def _list_chosen(robot: Robot, names: Mapping[str, str]) -> list[str]:
 
 
 def _make_plain(robot: Robot, joints: Collection[str]) -> Robot:
-    """Return the robot with the plain law at these joints."""
     values = (0.0,) * len(joint_models.get_law(rigid.PLAIN).linear)
     law = joint_models.FrictionValues(law=rigid.PLAIN, values=values)
     return set_friction(robot, dict.fromkeys(joints, law))
@@ -303,17 +295,17 @@ def _give_up_worse(
     """Return choice and fit without laws that plain ones, with losses `usual` (parts, n), surely surpass."""
     chosen, given_up, texts = _list_chosen(found.robot, names), list[str](), list[str]()
     while kept := [name for name in chosen if name not in given_up]:
-        test, axes = compare(found.measure(found.library), usual), found.robot.axes
-        laws = {joint.name: joint.friction.law for joint in axes}
-        falls = dict(zip(laws, test.fall.tolist(), strict=True))
-        chances = dict(zip(laws, test.p.tolist(), strict=True))
-        sure = dict(zip(kept, adjust_chances([chances[name] for name in kept]), strict=True))
-        worse = [
-            name for name in kept if sure[name] < POLICY.caution and falls[name] > 1.0 + POLICY.relevance
-        ]
+        test = compare(found.measure(found.library), usual)
+        places = {joint.name: place for place, joint in enumerate(found.robot.axes)}
+        chances = adjust_chances([float(test.p[places[name]]) for name in kept])
+        worse = list[str]()
+        for name, chance in zip(kept, chances, strict=True):
+            own, fall = found.robot.axes[places[name]].friction.law, test.fall[places[name]]
+            if chance < POLICY.caution and fall > 1.0 + POLICY.relevance:
+                worse.append(name)
+                texts.append(f"{name}: {own} has {fall:.3g} times the squared residual")
         if not worse:
             break
-        texts += [f"{name}: {laws[name]} has {falls[name]:.3g} times the squared residual" for name in worse]
         given_up += worse
         found = fit(_make_plain(found.robot, given_up))
     if not given_up:

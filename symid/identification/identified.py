@@ -115,15 +115,16 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
             notices=tuple(Notice(code=code, text=text, file=str(source)) for code, text in lost),
             covariance=tuple(tuple(table[i][j] for j in places) for i in places if table),
         )
-    found = build_rigid_estimate(estimate, described)
+    found, notices = build_rigid_estimate(estimate, described), tuple[Notice, ...]()
     robot = build_rigid_variant(described)
     base = dynamics.derive_base_parameters(robot)
     check_model(found, build_model_card(robot, base, ()), str(source))
-    text = (
-        "the joints were identified as rigid, and are written as rigid: rotors turn with their links, and "
-        "the springs of the robot file are left out, because these values do not hold with them"
-    )
-    notices = (Notice(code="export.rigid-variant", text=text, file=str(source)),)
+    if any(described.elastic):
+        text = (
+            "the joints were identified as rigid, and are written as rigid: rotors turn with their links, "
+            "and the springs of the robot file are left out, because these values do not hold with them"
+        )
+        notices = (Notice(code="export.rigid-variant", text=text, file=str(source)),)
     # Shape values, gravity and zeros are part of the robot, as lengths are.
     kept = [k for k, entry in enumerate(found.parameters) if entry.name not in found.besides]
     covariance = tuple(tuple(found.covariance[k][j] for j in kept) for k in kept) if found.covariance else ()
@@ -134,7 +135,7 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
         sources=found.sources,
         values=values,
         missing=_list_missing(base, values),
-        notices=notices if any(described.elastic) else (),
+        notices=notices,
         covariance=covariance,
         motion=found.motion,
         held_out={} if found.evidence is None else {e.joint: e.held_out for e in found.evidence.joints},

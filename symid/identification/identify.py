@@ -47,13 +47,9 @@ class TaskContext:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Identification(Generic[Fit_co]):
-    """A fit, and what came with it.
+    """A fit, and what came with it: notices, those of the robot and its logs first, and the backend.
 
-    Args:
-        estimate: of base parameters, of dynamics and springs, or of friction.
-        notices: those of the robot and its logs first.
-        backend: what computed the robot's functions.
-        alignment: delay and offsets of the link encoders, where they were estimated.
+    `alignment`: delay and offsets of the link encoders, where they were estimated.
     """
 
     estimate: Fit_co
@@ -73,9 +69,8 @@ def identify_robot(
 ) -> Identification[Estimate | elastics.ElasticEstimate]:
     """Return the parameters of a robot, with the settings of the call, that explain its recordings best.
 
-    `pairs` are these settings, keys and values, which the robot has already; `options.friction` is a law that
-    is to be found, None where the robot has its laws, of its file or `named` by the call. Errors are those of
-    `RobotModel.identify`.
+    `pairs` are these settings, which the robot has already; `options.friction` is a law that is to be found,
+    None where the robot has its laws, of its file or `named` by the call.
     """
     estimator = options.estimator
     if any(robot.elastic):
@@ -107,7 +102,6 @@ def identify_robot(
 
 
 def _list_log_notices(robot: Robot, recordings: Recordings) -> tuple[Notice, ...]:
-    """Return the notices on the robot file and on the logs."""
     found: tuple[Notice, ...] = robot.notices
     for recording in recordings:
         found += (*recording.notices, *log_files.check_recording(recording, robot))
@@ -129,19 +123,18 @@ def _identify_rigid(
         rigids.check_closed_loop(robot, recordings)
     context.progress(f"identifying {robot.name} from {len(recordings)} log{'s'[: len(recordings) > 1]}")
     rule = regression.RankRule(least=0.0 if options.partial else regression.WHOLE_MODEL)
-    weights = log_files.get_run_weights(recordings)
-    common: Any = {"rows": rows, "estimator": estimator, "window": options.window, "overlap": overlap}
-    common |= {"rule": rule, "weights": weights, "progress": context.progress}
+    shared: Any = {"rule": rule, "weights": log_files.get_run_weights(recordings)}
+    common = {**shared, "rows": rows, "estimator": estimator, "window": options.window, "overlap": overlap}
+    told: Any = {"progress": context.progress}
+    if rigid.free_gravity or rigid.free_zeros or friction is not None:
+        told["echo"] = log_files.describe_logs(rigid, recordings)
     if rigid.free_gravity or rigid.free_zeros:
-        common["echo"] = log_files.describe_logs(rigid, recordings)
-        estimate, library = search_mounting(rigid, recordings, context.prepare, options, **common)
+        estimate, library = search_mounting(rigid, recordings, context.prepare, options, **common, **told)
     elif friction is not None:
         if options.prior is not None or estimator == "ridge":
             raise friction_search.refuse_search(friction, "a prior does not know")
-        common["echo"] = log_files.describe_logs(rigid, recordings)
-        estimate, _, library = friction_search.search_friction(
-            rigid, recordings, friction, context.prepare, **common
-        )
+        search = friction_search.search_friction
+        estimate, library = search(rigid, recordings, friction, context.prepare, **common, **told)
     else:
         library = context.prepare(rigid)
         start, start_name, prior = None, "", None
@@ -154,34 +147,13 @@ def _identify_rigid(
             prior = read_rigid(options.prior, library.card)
 
         def fit(logs: Recordings) -> Estimate:
-            echo = log_files.describe_logs(rigid, logs)
+            told["echo"] = log_files.describe_logs(rigid, logs)
             if estimator in rigids.SIMULATING:
-                return rigids.identify_closed_loop(
-                    estimator,
-                    rigid,
-                    library,
-                    logs,
-                    start=start,
-                    start_name=start_name,
-                    rule=rule,
-                    weights=weights,
-                    echo=echo,
-                    progress=context.progress,
-                )
-            return rigids.identify_parameters(
-                library,
-                logs,
-                rigid.processing,
-                rows=rows,
-                estimator=estimator,
-                options=rigids.build_estimator_options(rigid, library, logs, estimator, options, prior=prior),
-                window=options.window,
-                overlap=overlap,
-                rule=rule,
-                weights=weights,
-                echo=echo,
-                robot=rigid,
-            )
+                begin = {"start": start, "start_name": start_name, **shared, **told}
+                return rigids.identify_closed_loop(estimator, rigid, library, logs, **begin)
+            own = rigids.build_estimator_options(rigid, library, logs, estimator, options, prior=prior)
+            call = {**common, "options": own, "echo": told["echo"], "robot": rigid}
+            return rigids.identify_parameters(library, logs, rigid.processing, **call)
 
         # Loads that friction reads, and that were not measured, follow from the estimate.
         estimate = friction_search.identify_loaded(library, recordings, rigid.processing, fit)
@@ -212,12 +184,9 @@ def _compare_with_file(
     library: Library, robot: Robot, estimate: Estimate | elastics.ElasticEstimate
 ) -> tuple[Notice, ...]:
     """Return the warning on torques of another size than the robot file's values give."""
-    refused = {name for name, _ in estimate.refused}
-    known = {entry.name: entry.value for entry in estimate.parameters if entry.name not in refused}
-    places = [k for k, entry in enumerate(estimate.parameters) if entry.name in known]
-    table = [[estimate.covariance[k][j] for j in places] for k in places if estimate.covariance]
-    motion = estimate.motion if isinstance(estimate, Estimate) else ()
-    scales = rigids.compare_fit_scales(library, robot, [*known], [*known.values()], table, motion)
+    refused, motion = dict(estimate.refused), estimate.motion if isinstance(estimate, Estimate) else ()
+    fit = estimate.parameters, estimate.covariance, motion
+    scales = rigids.compare_fit_scales(library, robot, *fit, refused)
     return rigids.describe_scales(scales, robot.path, "identify.scale")
 
 
@@ -324,10 +293,7 @@ def build_elastic_graph(
 def identify_stiffness(
     robot: Robot, recordings: Recordings, pairs: Pairs, context: TaskContext
 ) -> "tuple[elastics.StiffnessEstimate, tuple[Notice, ...]]":
-    """Return the delay between the encoders, their offsets and the stiffness of every joint, with notices.
-
-    `pairs` and errors are those of `RobotModel.identify_stiffness`, whose robot has these settings already.
-    """
+    """Return the delay between the encoders, their offsets and the stiffness of every joint, with notices."""
     if any(robot.elastic):
         log_files.refuse_known_payloads(recordings, "a robot with elastic joints")
     elastics.check_settings(pairs, "stiffness")
@@ -343,10 +309,7 @@ def identify_stiffness(
 def identify_robot_friction(
     robot: Robot, recordings: Recordings, options: LawOptions, context: TaskContext
 ) -> Identification[frictions.FrictionIdentification]:
-    """Return the friction of every joint that the recordings move, of a robot with the settings of the call.
-
-    Errors are those of `RobotModel.identify_friction`.
-    """
+    """Return the friction of every joint that the recordings move, of a robot with the call's settings."""
     model = friction_search.read_joint_laws(options.model, robot, (frictions.AUTO,)) or frictions.AUTO
     if not all(regression.list_measured_joints(recordings)) or options.known is not None:
         log_files.refuse_known_payloads(recordings, "--rows friction")

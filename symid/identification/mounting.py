@@ -111,7 +111,6 @@ class _Problem(NamedTuple):
     options: dict[str, Any]
 
     def mount(self, where: FloatArray) -> Robot:
-        """Return the robot with gravity and zeros (3 + z,)."""
         zeros = dict(zip(self.robot.free_zeros, where[3:].tolist(), strict=True))
         return mount_robot(self.robot, where[:3].tolist() if self.robot.free_gravity else (), zeros)
 
@@ -192,8 +191,8 @@ class _Problem(NamedTuple):
         if study is None:
             return starts
         if self.robot.free_gravity:
-            found = diagnostics.estimate_gravity(library, study.logs.motion, robot, study.logs.fold).direction
-            found = np.append(found, where[3:])
+            logs = diagnostics.FollowedLogs.follow(library, study.logs.motion, study.logs.fold)
+            found = np.append(diagnostics.estimate_gravity(logs, robot).direction, where[3:])
             hidden = self.find_seen(robot, library, found).hidden
             # Zeros that are off may look like gravity, up to its sign.
             starts = [found, where, -found] if self.robot.free_zeros else [found]
@@ -231,15 +230,20 @@ class _Problem(NamedTuple):
         robot = self.mount(where)
         library = self.prepare(robot)
         seen = self.find_seen(robot, library, where)
-        directions = seen.directions if size or not seen.size else _keep_size(seen.directions, where[:3])
-        cards = []
+        directions, cards = seen.directions, []
+        if seen.size and not size:
+            # Without the direction that changes the size of gravity.
+            own, turns = where[:3] / np.linalg.norm(where[:3]), directions[:3].any(axis=0)
+            across = _span(directions[:3, turns] - np.outer(own, own @ directions[:3, turns]))
+            kept = np.pad(_align(across.T).T, ((0, len(directions) - 3), (0, 0)))
+            directions = np.column_stack([kept, directions[:, ~turns]])
         for direction in directions.T:
             name, unit = f"gravity along {_write(direction[:3])}", "m/s^2"
             if not direction[:3].any():
                 joint = self.robot.free_zeros[int(direction.argmax()) - 3]
                 name, unit = _name_zero(robot, joint)
-            own = ParameterCard(name=name, expression=name, unit=unit, reason=MOUNTING, joint="")
-            cards.append(replace(own, value=float(direction @ where)))
+            entry = ParameterCard(name=name, expression=name, unit=unit, reason=MOUNTING, joint="")
+            cards.append(replace(entry, value=float(direction @ where)))
         card = replace(library.card, searched=tuple(cards))
 
         def widen(beta: FloatArray) -> Library:
@@ -301,12 +305,8 @@ def search_mounting(
 ) -> tuple[Estimate, Library]:
     """Return the estimate with gravity and zeros found, and the functions of the robot mounted so.
 
-    `prepare` returns the compiled functions of a robot.
-
-    Raises:
-        UsageError: an option of the call does not go with it.
-        IdentifiabilityError: no motion shows any of what is to be found; else as `identify_parameters`.
-        LogError: a payload is known.
+    `prepare` returns the compiled functions of a robot. An IdentifiabilityError where no motion shows any of
+    what is to be found; else errors as of `identify_parameters`.
     """
     if given.friction is not None:
         raise refuse_mounting(where="where friction laws are found as well")
@@ -369,7 +369,8 @@ def _record(problem: _Problem, found: _MountedFit, before: FloatArray, told: str
     if problem.robot.free_gravity:
         turn, text = _describe_gravity(values, covariance, before, told)
         said.append(text)
-        if _is_stated(*_measure_size(values, covariance)):
+        size, deviation = _measure_size(values, covariance)
+        if deviation <= numerics.CONVERGED * size:
             # A size that was not found may be that of another place.
             place[:3] = _EARTH_SPREAD * values[:3]
     covariance = covariance + np.outer(place, place)
@@ -428,7 +429,7 @@ def _describe_gravity(
     spread = away @ covariance[:3, :3] @ away / apart**2 if apart > numerics.CONVERGED else 0.0
     spread = spread or max(float(np.linalg.eigvalsh(across @ covariance[:3, :3] @ across)[-1]), 0.0)
     size = f"its magnitude is {length:.5g} +- {deviation:.2g} m/s^2"
-    if told or _is_stated(length, deviation):
+    if told or deviation <= numerics.CONVERGED * length:
         told = f"found as {told}" if told else "not identifiable from these motions"
         size = f"its magnitude, {told}, is taken as {length:.5g} m/s^2"
     turn = f"gravity is turned by {angle:.4g} +- {np.degrees(np.sqrt(spread)) / length:.2g} degrees"
@@ -443,21 +444,7 @@ def _measure_size(values: FloatArray, covariance: FloatArray) -> tuple[float, fl
     return size, float(np.sqrt(max(float(own @ covariance[:3, :3] @ own), 0.0)))
 
 
-def _is_stated(size: float, deviation: float) -> bool:
-    """Return whether the size of gravity was no unknown of the fit."""
-    return deviation <= numerics.CONVERGED * size
-
-
-def _keep_size(directions: FloatArray, gravity: FloatArray) -> FloatArray:
-    """Return directions (3 + z, k) without the one that changes the size of gravity (3,)."""
-    own, turns = gravity / np.linalg.norm(gravity), directions[:3].any(axis=0)
-    across = _span(directions[:3, turns] - np.outer(own, own @ directions[:3, turns]))
-    zeros = len(directions) - 3
-    return np.column_stack([np.pad(_align(across.T).T, ((0, zeros), (0, 0))), directions[:, ~turns]])
-
-
 def _name_zero(robot: Robot, name: str) -> tuple[str, str]:
-    """Return the parameter of a joint's zero, and its unit."""
     place, joint = next((k, joint) for k, joint in enumerate(robot.joints, start=1) if joint.name == name)
     return f"zero{place}", "m" if joint.prismatic else "rad"
 

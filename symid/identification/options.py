@@ -122,11 +122,7 @@ class IdentifyOptions(RigidOptions):
         return [flags[name].name_flag(name) or f"--{name}" for name in given]
 
     def build_elastic(self) -> ElasticOptions:
-        """Return the options of elastic joints, with the defaults of those that were not given.
-
-        Raises:
-            UsageError: a value is refused.
-        """
+        """Return the options of elastic joints, with the defaults of those that were not given."""
         named = {name: getattr(self, name) for name in (*_ELASTIC, "window")}
         names = {"threshold_count": "stops", "knee_count": "knees"}
         given: Any = {names.get(name, name): value for name, value in named.items() if value is not None}

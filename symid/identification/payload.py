@@ -174,16 +174,11 @@ _SCOPE = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PayloadCommand:
-    """A payload as a controller takes it.
+    """A payload as a controller, one of `CONTROLLERS`, takes it; `texts` are what to enter, by where.
 
-    Args:
-        controller: one of `CONTROLLERS`.
-        frame: the frame of centre and inertia, in words.
-        mass: kg.
-        com: centre of mass in that frame, m.
-        inertia: xx xy xz yy yz zz about the centre of mass, kg m^2; None where it is not identified.
-        texts: what to enter, by where.
-        notices: what is left out, and what else counts.
+    `frame` is that of centre and inertia, in words; `mass` kg; `com` centre of mass in m; `inertia` xx xy xz
+    yy yz zz about it, kg m^2, None where it is not identified; `notices` say what is left out, and what else
+    counts.
     """
 
     controller: str
@@ -204,11 +199,7 @@ class PayloadCommand:
 def build_payload_command(
     robot: Robot | None, found: dynamics.Payload, controller: str, frame: FlangeFrame = None
 ) -> PayloadCommand:
-    """Return a payload as a controller takes it; `frame` is its flange, a link only where `robot` is known.
-
-    An IdentifiabilityError tells that mass or centre are not identified, an EstimateError that the controller
-    refuses such an inertia.
-    """
+    """Return a payload as a controller takes it; `frame` is its flange, a link only if `robot` is given."""
     if controller not in CONTROLLERS:
         text = f"unknown controller {controller!r}; known are {', '.join(CONTROLLERS)}"
         raise UsageError(Notice(code="usage.controller", text=text))

@@ -63,7 +63,7 @@ def write_fit(
 ) -> Path:
     """Write the record, of a robot or of an element, to `path` as JSON and return the path, or OutputError.
 
-    `verdict` is written for readers of the file, which is left out when it is read: it follows from the rest.
+    `verdict` is written for readers of the file, and left out when it is read: it follows from the rest.
     """
     body: Any = write_plain(record)
     head: dict[str, object] = {"format": "symid element", "version": 1}
@@ -84,10 +84,7 @@ def write_result(what: str, found: object, path: Path, described: Mapping[str, o
 
 
 def read_fit(path: Path) -> StoredResult:
-    """Return the record of any kind that `write_fit`, or symid before it, stored at `path`.
-
-    An EstimateError names all mistakes: no such file, or something else in it.
-    """
+    """Return the record of any kind that a file holds, of any version, or an EstimateError."""
     data = _read_json(path)
     name = data.get("format") if isinstance(data, dict) else None
     if not isinstance(data, dict) or not _is_format(name):
@@ -139,8 +136,7 @@ def read_result_file(
 ) -> Record:
     """Return the record of a file of one kind: a "stiffness", a "payload" or an "element".
 
-    `list_mistakes` says what is wrong with a record whose entries are right one by one. An EstimateError
-    names all mistakes: no such file, or something else in it.
+    `list_mistakes` says what is wrong with a record whose entries are right one by one.
     """
     data = _read_json(path)
     if not isinstance(data, dict) or data.get("format") != f"symid {what}" or data.get("version") != 1:
@@ -245,19 +241,19 @@ def _read_json(path: Path) -> object:
     except (OSError, ValueError) as error:
         # No file can have a name that holds a null byte or no Unicode.
         raise _refuse(path, f"cannot be read: {getattr(error, 'strerror', error)}") from error
+
+    def refuse(name: str) -> float:
+        message = f"{name} is not a number in JSON"
+        raise ValueError(message)
+
     try:
-        return json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_build_table)
+        return json.loads(text, parse_constant=refuse, object_pairs_hook=_build_table)
     except json.JSONDecodeError as error:
         raise _refuse(path, f"not JSON: {error.msg}", line=error.lineno, column=error.colno) from error
     except RecursionError as error:
         raise _refuse(path, "nested too deeply to be an estimate") from error
     except ValueError as error:
         raise _refuse(path, f"not JSON: {error}") from error
-
-
-def _refuse_constant(name: str) -> float:
-    message = f"{name} is not a number in JSON"
-    raise ValueError(message)
 
 
 def _build_table(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -28,13 +28,9 @@ from symid.simulation import build_noisy_options, check_stated_values
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FitValidation:
-    """What a fit of any kind explains of a log.
+    """What a fit of any kind explains of a log, `source`; the robot is as it was identified.
 
-    Args:
-        robot: as it was identified, elastic joints included.
-        source: the log.
-        tables: residuals by joint, under captions where there are several; the first is the one that counts.
-        notices: what a reader should know.
+    `tables` are residuals by joint, under captions where there are several; the first is the one that counts.
     """
 
     robot: Robot
@@ -67,11 +63,9 @@ class FitValidation:
 @final
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RigidValidation(FitValidation):
-    """The same of base parameters.
+    """The same of base parameters; `settled` how the log was processed.
 
-    Args:
-        validation: residuals and series; settled: how the log was processed.
-        band: residual below a frequency at the full rate; None where not asked for.
+    `band`: residual below a frequency at the full rate; None where not asked for.
     """
 
     validation: estimators.Validation
@@ -100,11 +94,9 @@ class TrackingComparison:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class TrackingTask:
-    """A motion to simulate with feed-forward of the estimate.
+    """A motion to simulate with feed-forward of the estimate; `seed` of a random one, None for another.
 
-    Args:
-        trajectory: which; seed: of a random one, None for another.
-        against: further estimates to compare with, by where they come from.
+    `against` are further estimates to compare with, by where they come from.
     """
 
     trajectory: Trajectory
@@ -117,10 +109,7 @@ class TrackingTask:
 class ElasticValidation(FitValidation):
     """The same of elastic joints, by motors, links and springs, and how links follow with the estimate.
 
-    Args:
-        estimate: which; trial: torques by motors, links and springs.
-        alignment: delay and offsets of the log's encoders, None where not estimated.
-        tracking: None where not asked for.
+    `alignment` and `tracking` are None where they were not estimated, or not asked for.
     """
 
     estimate: elastic.ElasticEstimate
@@ -146,12 +135,11 @@ def validate_fit(
 ) -> AnyValidation:
     """Return what a fit of any kind explains of a log; nothing is fitted.
 
-    A robot that was identified as rigid is validated as rigid. For elastic joints, delay and offsets of the
-    log's link encoders are removed first, as in an identification. Errors are those of `Fit.validate`.
-
-    `pairs` are the settings of the call, `test` the part of the log that is predicted, empty for all of it.
-    For rigid fits, torques are compared at the full rate below `band` in Hz, None for the rows of the fit.
-    For elastic fits, a motion may be simulated; the robot file must state the true values then.
+    A robot that was identified as rigid is validated as rigid. `pairs` are the settings of the call, `test`
+    the part of the log that is predicted, empty for all of it. For rigid fits, torques are compared at the
+    full rate below `band` in Hz, None for the rows of the fit. For elastic fits, delay and offsets of the
+    link encoders are removed first, and a motion may be simulated; the robot file must state the true values
+    then.
     """
     if isinstance(fit, elastic.ElasticEstimate):
         return _validate_elastic(
@@ -200,8 +188,8 @@ def validate_fit(
     within = None
     if band is not None:
         values = found.assemble([entry.name for entry in (*card.beta, *card.friction)])
-        predicted = diagnostics.predict_torques(values, library, recording, settled.processing, band=band)
-        within = diagnostics.compute_band_residual(predicted)
+        call = values, library, recording, settled.processing
+        within = diagnostics.compute_band_residual(*call, band=band)
     return RigidValidation(
         robot=described,
         source=validation.source,
@@ -301,10 +289,7 @@ def _validate_elastic(
 def build_tracking_task(
     robot: Robot, seed: int | None, against: tuple[tuple[str, elastic.ElasticEstimate], ...] = ()
 ) -> TrackingTask:
-    """Return a motion to follow: the one made for validation, or a random one of `seed`.
-
-    `against` are further estimates to compare with, by where they come from.
-    """
+    """Return a motion to follow: that made for validation, or a random one of `seed`; see `TrackingTask`."""
     trajectory = build_trajectory(robot, "tc" if seed is None else "fourier", np.random.default_rng(seed))
     return TrackingTask(trajectory=trajectory, seed=seed, against=against)
 

@@ -24,7 +24,7 @@ from symid.codegen import Library, prepare_library
 from symid.errors import IdentifiabilityError
 from symid.excitation import FourierOptions, build_random_fourier
 from symid.identification import regression
-from symid.identification.diagnostics import compute_band_residual, predict_torques
+from symid.identification.diagnostics import compute_band_residual
 from symid.identification.estimators import Bodies, build_bodies, fit_condensed, solve_consistent
 from symid.identification.rigid import identify_parameters
 from symid.logs import Recording, Signals
@@ -313,8 +313,8 @@ def study_cutoff(
         except IdentifiabilityError:
             return None
         names = tuple(entry.name for entry in (*library.card.beta, *library.card.friction))
-        prediction = predict_torques(fit.assemble(names), library, recording, rest, band=BAND)
-        return compute_band_residual(prediction).mean_relative_percent
+        found = compute_band_residual(fit.assemble(names), library, recording, rest, band=BAND)
+        return found.mean_relative_percent
 
     lines, last = list[CutoffLine](), max(settled.drop_last, count - middle)
     for value in usable:

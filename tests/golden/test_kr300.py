@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from symid.codegen.cache import prepare_library
-from symid.identification.diagnostics.residual_structure import compute_band_residual, predict_torques
+from symid.identification.diagnostics.residual_structure import compute_band_residual
 from symid.identification.regression.preparation import choose_filters, choose_window, prepare_rows
 from symid.identification.rigid.fit import identify_parameters
 from symid.logs.reader import read_recording
@@ -36,11 +36,9 @@ def robots(robots_folder, shared_data, emps):
     def measure(estimate, name, log):
         robot, library = known[name]
         values = estimate.assemble([entry.name for entry in (*library.card.beta, *library.card.friction)])
-        found = (
-            predict_torques(values, library, read(name, log), robot.processing, band=band)
-            for band in BANDS[name]
-        )
-        return np.array([compute_band_residual(one).mean_relative_percent for one in found])
+        call = values, library, read(name, log), robot.processing
+        found = (compute_band_residual(*call, band=band) for band in BANDS[name])
+        return np.array([one.mean_relative_percent for one in found])
 
     return known, read, fit, measure
 

@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from symid.identification.diagnostics import uncertainty as uncertainty
     from symid.identification.diagnostics.causes import (
+        FollowedLogs as FollowedLogs,
         estimate_gravity as estimate_gravity,
         evaluate_motion as evaluate_motion,
         find_causes as find_causes,
         fit_motion as fit_motion,
-        is_confirmed as is_confirmed,
         list_mistakes as list_mistakes,
         list_terms as list_terms,
         measure_shares as measure_shares,
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
         warn_of_poorly_identifiable as warn_of_poorly_identifiable,
         warn_of_processing as warn_of_processing,
     )
-    from symid.identification.diagnostics.gravity import GravityEstimate as GravityEstimate
     from symid.identification.diagnostics.residual_structure import (
         OTHER_VALUES as OTHER_VALUES,
         BandResidual as BandResidual,
@@ -36,7 +35,6 @@ if TYPE_CHECKING:
         ResidualFinding as ResidualFinding,
         analyse_residuals as analyse_residuals,
         compute_band_residual as compute_band_residual,
-        predict_torques as predict_torques,
     )
 else:
     from symid.lazy import load_names

@@ -61,13 +61,11 @@ TORQUE_SIGN, POSITION_SIGN = "log.torque-sign", "log.position-sign"
 class Hypothesis:
     """A mistake undone, or a term added.
 
-    Args:
-        code, cause, remedy: as in `Cause`; none is named where one without a cause explains as much.
-        family: of hypotheses that are one mistake in several sizes.
-        joints: numbers of those whose torque it touches, none for all.
-        motion: the logs as they would be; columns: (t, n, p) of the model along them, None to evaluate them.
-        sizes: (n,) squares of torque that losses are relative to, None for those of `motion`.
-        tried: number of sizes of which it is the best: one of so many explains more by chance.
+    `code`, `cause` and `remedy` as in `Cause`; none is named where one without a cause explains as much.
+    `family` of hypotheses that are one mistake in several sizes, `tried` of them; `joints` are those whose
+    torque it touches, none for all. `motion` the logs as they would be; `columns` (t, n, p) of the model
+    along them, None to evaluate them; `sizes` (n,) squares of torque that losses are relative to, None for
+    those of `motion`.
     """
 
     code: str
@@ -108,27 +106,33 @@ def fit_motion(
 
 def evaluate_motion(library: Library, motion: ThinMotion) -> FloatArray:
     """Return the columns (t, n, p) of the model along a motion."""
-    q, dq, ddq = (np.ascontiguousarray(part) for part in (motion.q, motion.dq, motion.ddq))
-    return regression.evaluate_columns(
-        library, q, dq, ddq, np.zeros_like(q), np.full_like(q, REFERENCE_TEMPERATURE)
-    )
+    q, dq, ddq = map(np.ascontiguousarray, (motion.q, motion.dq, motion.ddq))
+    load, warmth = np.zeros_like(q), np.full_like(q, REFERENCE_TEMPERATURE)
+    return regression.evaluate_columns(library, q, dq, ddq, load, warmth)
 
 
-def _evaluate_other(
-    library: Library, motion: ThinMotion, columns: FloatArray, other: ThinMotion
-) -> FloatArray:
-    """Return the columns of the model along another motion: those of `motion` where it moves the same."""
-    return columns if other.q is motion.q and other.dq is motion.dq else evaluate_motion(library, other)
+class FollowedLogs(NamedTuple):
+    """Thinned logs, the fold (b,) of each block, and the columns (t, n, p) of a model along them."""
 
+    library: Library
+    motion: ThinMotion
+    fold: NDArray[np.intp]
+    columns: FloatArray
 
-def is_confirmed(
-    library: Library, motion: ThinMotion, fold: NDArray[np.intp], hypothesis: Hypothesis
-) -> bool:
-    """Return whether held-out torque, too, speaks for a mistake that is sure otherwise, by however little."""
-    base = fit_motion(evaluate_motion(library, motion), motion, fold)
-    columns = evaluate_motion(library, hypothesis.motion)
-    found = fit_motion(columns, hypothesis.motion, fold, hypothesis.sizes)
-    return judge.compare(base.losses, found.losses).p_of_all < POLICY.caution
+    @classmethod
+    def follow(cls, library: Library, motion: ThinMotion, fold: NDArray[np.intp]) -> "FollowedLogs":
+        """Return thinned logs with the columns of their model."""
+        return cls(library, motion, fold, evaluate_motion(library, motion))
+
+    def evaluate(self, other: ThinMotion) -> FloatArray:
+        """Return the columns along another motion, which are known where it moves the same."""
+        alike = other.q is self.motion.q and other.dq is self.motion.dq
+        return self.columns if alike else evaluate_motion(self.library, other)
+
+    def fit(self, entry: Hypothesis) -> TriedFit:
+        """Return the fit of the logs as a hypothesis has them."""
+        columns = self.evaluate(entry.motion) if entry.columns is None else entry.columns
+        return fit_motion(columns, entry.motion, self.fold, entry.sizes)
 
 
 class TriedHypothesis(NamedTuple):
@@ -143,38 +147,28 @@ class TriedHypothesis(NamedTuple):
 
 
 def find_causes(
-    library: Library,
-    motion: ThinMotion,
-    fold: NDArray[np.intp],
-    hypotheses: Iterable[Hypothesis],
-    *,
-    impossible: bool = False,
+    logs: FollowedLogs, hypotheses: Iterable[Hypothesis], *, impossible: bool = False
 ) -> tuple[Cause, ...]:
     """Return the causes that explain logs, none where no hypothesis does; several explain it alike.
 
     `impossible` whether a fit of the logs has values that no robot has.
     """
-    names = [joint.name for joint in library.card.joints]
-    columns = evaluate_motion(library, motion)
-    base = fit_motion(columns, motion, fold)
+    names, base = logs.library.card.joints, fit_motion(logs.columns, logs.motion, logs.fold)
     moving = np.flatnonzero(base.squares > 0.0).tolist()
     trials = []
     for hypothesis in hypotheses:
-        along = hypothesis.columns
-        if along is None:
-            along = _evaluate_other(library, motion, columns, hypothesis.motion)
-        found = fit_motion(along, hypothesis.motion, fold, hypothesis.sizes)
+        found, bare = logs.fit(hypothesis), base
         own = [joint for joint in (hypothesis.joints or moving) if joint in moving]
-        if own:
-            bare = base
-            if hypothesis.code == DELAY:
-                # Rows at one end that are left out are no part of what it explains.
-                bare = fit_motion(columns, replace(motion, kept=hypothesis.motion.kept), fold)
-            pooled = _compare(bare, found, moving)
-            # What a mistake at one joint spoils may be left at others: both are tried, which counts twice.
-            touched = min(pooled, _compare(bare, found, own)) if hypothesis.joints else pooled
-            p = min(1.0, touched[0] * hypothesis.tried * (2.0 if hypothesis.joints else 1.0))
-            trials.append(TriedHypothesis(hypothesis, bare, found, p, touched[1], pooled[1]))
+        if not own:
+            continue
+        if hypothesis.code == DELAY:
+            # Rows at one end that are left out are no part of what it explains.
+            bare = fit_motion(logs.columns, replace(logs.motion, kept=hypothesis.motion.kept), logs.fold)
+        pooled = _compare(bare, found, moving)
+        # What a mistake at one joint spoils may be left at others: both are tried, which counts twice.
+        touched = min(pooled, _compare(bare, found, own)) if hypothesis.joints else pooled
+        p = min(1.0, touched[0] * hypothesis.tried * (2.0 if hypothesis.joints else 1.0))
+        trials.append(TriedHypothesis(hypothesis, bare, found, p, touched[1], pooled[1]))
     chances = judge.adjust_chances([trial.p for trial in trials])
     trials = [trial._replace(p=p) for trial, p in zip(trials, chances, strict=True)]
     passed = [
@@ -184,11 +178,11 @@ def find_causes(
     ]
     if not passed and not impossible:
         return ()
-    bad = mask_impossible(library, motion, base.fit)
+    bad = mask_impossible(logs, logs.motion, base.fit)
 
     def mask_left(place: int) -> NDArray[np.bool_]:
         """Return the joints that are impossible with a hypothesis."""
-        return mask_impossible(library, trials[place].hypothesis.motion, trials[place].found.fit)
+        return mask_impossible(logs, trials[place].hypothesis.motion, trials[place].found.fit)
 
     def is_sound(place: int) -> bool:
         """Return whether no joint of a hypothesis is impossible with it, and no other one that was not."""
@@ -245,7 +239,7 @@ def find_causes(
         own = list(entry.joints or moving)
         before, after = (measure_percent(part.losses, own) for part in trials[place][1:3])
         said = {name: getattr(entry, name) for name in ("code", "family", "cause", "remedy")}
-        joints = tuple(names[joint] for joint in entry.joints)
+        joints = tuple(names[joint].name for joint in entry.joints)
         causes.append(Cause(**said, joints=joints, before=before, after=after, p=trials[place].p))
     return tuple(causes)
 
@@ -285,10 +279,7 @@ class JointShares(NamedTuple):
 
 
 def measure_shares(library: Library, motion: ThinMotion, columns: FloatArray, fit: BlockFit) -> JointShares:
-    """Return what inertia and friction of a fit do in `columns` (t, n, p) of a motion.
-
-    mean(M_jj ddq^2) / (rms(ddq) rms(tau)) and mean(tau_f dq) / (rms(dq) rms(tau)).
-    """
+    """Return what inertia and friction of a fit do in `columns` (t, n, p) of a motion, see `log_check`."""
     inertial, count, width = len(library.card.beta), columns.shape[1], columns.shape[2]
     # A fit may have terms behind the columns of the model.
     values, changes = fit.values[:width], fit.changes[:, :width]
@@ -307,36 +298,30 @@ def measure_shares(library: Library, motion: ThinMotion, columns: FloatArray, fi
     return JointShares(rows @ values, np.tensordot(changes, rows, axes=(1, 2)), inertia)
 
 
-def mask_impossible(library: Library, motion: ThinMotion, fit: BlockFit) -> NDArray[np.bool_]:
+def mask_impossible(logs: FollowedLogs, motion: ThinMotion, fit: BlockFit) -> NDArray[np.bool_]:
     """Return the joints (n,) that a fit has surely driven by friction, or with a negative inertia."""
-    shares = measure_shares(library, motion, evaluate_motion(library, motion), fit)
-    pairs = zip(
-        shares.values.ravel().tolist(), shares.changes.reshape(len(shares.changes), -1).T, strict=True
-    )
-    found = [judge.agree_in_value(value, changes, 1.0) for value, changes in pairs]
+    shares = measure_shares(logs.library, motion, logs.evaluate(motion), fit)
+    changes = shares.changes.reshape(len(shares.changes), -1).T
+    found = [
+        judge.agree_in_value(*pair, 1.0) for pair in zip(shares.values.ravel().tolist(), changes, strict=True)
+    ]
     chances = judge.adjust_chances([one.p for one in found])
     told = [replace(one, p=p).verdict for one, p in zip(found, chances, strict=True)]
     sure = np.reshape([verdict is judge.Agreement.DIFFERENT for verdict in told], (-1, 2))
     return np.asarray(np.any(sure & (shares.values < 0.0), axis=1))
 
 
-def list_terms(library: Library, motion: ThinMotion, values: FloatArray) -> Iterator[Hypothesis]:
+def list_terms(logs: FollowedLogs, values: FloatArray) -> Iterator[Hypothesis]:
     """Yield the terms that a model may lack at each joint; `values` (p,) are those of its fit."""
-    columns = evaluate_motion(library, motion)
-    predicted = columns @ values
+    motion, columns, predicted = logs.motion, logs.columns, logs.columns @ values
     time = np.asarray(np.arange(len(motion.q)) * motion.period, dtype=np.float64)
-    for joint, entry in enumerate(library.card.joints):
-        # Of each log apart: slopes must not cross from one to the next.
-        parts = [np.flatnonzero(motion.run == run) for run in np.unique(motion.run)]
-        motions = [
-            pick_motion(
-                (time[own], motion.q[own], motion.dq[own], motion.ddq[own]),
-                joint,
-                predicted[own, joint],
-                motion.period,
-            )
-            for own in parts
-        ]
+    # Of each log apart: slopes must not cross from one to the next.
+    parts = [np.flatnonzero(motion.run == run) for run in np.unique(motion.run)]
+    for joint, entry in enumerate(logs.library.card.joints):
+        motions = []
+        for own in parts:
+            states = time[own], motion.q[own], motion.dq[own], motion.ddq[own]
+            motions.append(pick_motion(states, joint, predicted[own, joint], motion.period))
         for name, family in FAMILIES.items():
             # No model lacks the size of a torque, or a delay: these are mistakes.
             if name in {OTHER_VALUES, "scale", "delay"}:
@@ -354,42 +339,36 @@ def list_terms(library: Library, motion: ThinMotion, values: FloatArray) -> Iter
             yield Hypothesis(TERM, f"{name} of {entry.name}", cause, family.advice, motion, (joint,), wider)
 
 
-def _scale_torque(motion: ThinMotion, factors: FloatArray | float) -> ThinMotion:
-    return replace(motion, tau=motion.tau * factors)
+def _scale(motion: ThinMotion, names: Sequence[str], factors: FloatArray | float) -> ThinMotion:
+    return replace(motion, **{name: getattr(motion, name) * factors for name in names})
 
 
-def _scale_position(motion: ThinMotion, factors: FloatArray | float) -> ThinMotion:
-    return replace(motion, q=motion.q * factors, dq=motion.dq * factors, ddq=motion.ddq * factors)
+_TORQUE, _POSITION = ("tau",), ("q", "dq", "ddq")
+"""What changes with the factors of torques and positions."""
 
 
-def list_mistakes(
-    library: Library, motion: ThinMotion, fold: NDArray[np.intp], transmission: FloatArray | None = None
-) -> Iterator[Hypothesis]:
+def list_mistakes(logs: FollowedLogs, transmission: FloatArray | None = None) -> Iterator[Hypothesis]:
     """Yield what the logs would be without each single mistake.
 
-    `fold` (b,) is that of every block; `transmission` (n, n) are angles of the motors over those of the
-    joints, None where each moves one.
+    `transmission` (n, n) are angles of the motors over those of the joints, None where each moves one.
     """
-    names = [joint.name for joint in library.card.joints]
-    count = len(names)
-    units = np.eye(count)
-
-    if not library.card.friction:
+    names, motion = [joint.name for joint in logs.library.card.joints], logs.motion
+    count, units = len(names), np.eye(len(names))
+    if not logs.library.card.friction:
         each, dq = np.arange(count), motion.dq
         added = np.zeros((*dq.shape, 2 * count))
         added[:, each, each], added[:, each, each + count] = dq, np.sign(dq)
         cause = "the robot file states no friction, and the joints have some"
         remedy = "state friction of each joint (--friction coulomb-viscous-offset, or [joint.friction])"
-        wider = np.concatenate([evaluate_motion(library, motion), added], axis=2)
+        wider = np.concatenate([logs.columns, added], axis=2)
         yield Hypothesis(NO_FRICTION, "friction", cause, remedy, motion, (), wider)
-    signs = (TORQUE_SIGN, "torque", _scale_torque), (POSITION_SIGN, "position", _scale_position)
-    for code, what, scale in signs:
+    for code, what, parts in (TORQUE_SIGN, "torque", _TORQUE), (POSITION_SIGN, "position", _POSITION):
         cause, remedy = f"all {what}s have the wrong sign", f"state a factor of -1 in [log.{what}]"
-        yield Hypothesis(code, f"sign of all {what}s", cause, remedy, scale(motion, -1.0))
+        yield Hypothesis(code, f"sign of all {what}s", cause, remedy, _scale(motion, parts, -1.0))
         for joint, (unit, name) in enumerate(zip(units, names, strict=True)):
             cause = f"the {what} of joint {name!r} has the wrong sign"
             remedy = f"state its factor -1 in [log.{what}]"
-            family, undone = f"sign of {what} {name}", scale(motion, 1.0 - 2.0 * unit)
+            family, undone = f"sign of {what} {name}", _scale(motion, parts, 1.0 - 2.0 * unit)
             yield Hypothesis(code, family, cause, remedy, undone, (joint,))
     matrix = np.zeros((0, count)) if transmission is None else transmission
     for motor in range(len(matrix)):
@@ -406,46 +385,36 @@ def list_mistakes(
         order = list(range(count))
         order[first], order[second] = second, first
         pair = f"{names[first]!r} and {names[second]!r}"
-        tau = motion.tau[:, order]
-        states = replace(
-            motion,
-            q=motion.q[:, order],
-            dq=motion.dq[:, order],
-            ddq=motion.ddq[:, order],
-            kept=motion.kept[:, order],
-        )
         swapped = (
-            ("torques of", "[log.torque]", replace(motion, tau=tau)),
-            ("positions of", "[log.position]", states),
-            ("joints", "[log]", replace(states, tau=tau)),
+            ("torques of", "[log.torque]", _TORQUE),
+            ("positions of", "[log.position]", (*_POSITION, "kept")),
+            ("joints", "[log]", (*_POSITION, "kept", *_TORQUE)),
         )
-        for what, where, other in swapped:
+        for what, where, channels in swapped:
             cause = f"the {what} {pair} are exchanged"
             remedy = f"correct the order of columns in {where}"
+            other = replace(motion, **{name: getattr(motion, name)[:, order] for name in channels})
             yield Hypothesis("log.swapped-joints", f"{what} {pair}", cause, remedy, other, (first, second))
-    yield from _list_sizes(library, names, motion, fold)
+    yield from _list_sizes(logs, names)
 
 
-def _list_sizes(
-    library: Library, names: Sequence[str], motion: ThinMotion, fold: NDArray[np.intp]
-) -> Iterator[Hypothesis]:
+def _list_sizes(logs: FollowedLogs, names: Sequence[str]) -> Iterator[Hypothesis]:
     """Yield what the logs would be with other units, times, delays and zeros."""
-    count, units = len(names), np.eye(len(names))
-    columns = evaluate_motion(library, motion)
-    search = partial(_search, library, motion, columns, fold)
+    count, units, motion, search = len(names), np.eye(len(names)), logs.motion, partial(_search, logs)
     for factor, what in ((np.pi / 180.0, "degrees"), (180.0 / np.pi, "radians")):
         cause, remedy = f"positions are in {what}", f'state unit = "{what[:3]}" in [log.position]'
-        family, undone = "unit of positions", _scale_position(motion, factor)
+        family, undone = "unit of positions", _scale(motion, _POSITION, factor)
         yield Hypothesis("log.wrong-unit", family, cause, remedy, undone)
         for joint, (unit, name) in enumerate(zip(units, names, strict=True)):
             cause, remedy = f"positions of joint {name!r} are in {what}", "state its factor in [log.position]"
-            family, undone = f"unit of position {name}", _scale_position(motion, np.where(unit, factor, 1.0))
+            family = f"unit of position {name}"
+            undone = _scale(motion, _POSITION, np.where(unit, factor, 1.0))
             yield Hypothesis("log.wrong-unit", family, cause, remedy, undone, (joint,))
     powers = np.delete(np.linspace(-_DECADES, _DECADES, 2 * _STEPS + 1), _STEPS)
     for joint, unit in enumerate(units) if count > 1 else ():
 
         def scale_torque(power: float, unit: FloatArray = unit) -> ThinMotion:
-            return _scale_torque(motion, np.where(unit, 10.0**power, 1.0))
+            return _scale(motion, _TORQUE, np.where(unit, 10.0**power, 1.0))
 
         power = search(scale_torque, powers)
         size = np.format_float_positional(10.0**-power, 2, fractional=False, trim="-")
@@ -486,9 +455,9 @@ def _list_sizes(
         time = np.arange(len(own)) * motion.period
         spline = CubicSpline(time, motion.tau[own])
         slopes[own] = np.stack([spline(time, 1), spline(time, 2)], axis=2)
-    filtered = np.concatenate([columns, slopes], axis=2)
+    filtered = np.concatenate([logs.columns, slopes], axis=2)
     # A filter lags: tau + a dtau/dt + b d2tau/dt2, its input, has a > 0.
-    if fit_motion(filtered, motion, fold).fit.values[-2] < 0.0:
+    if fit_motion(filtered, motion, logs.fold).fit.values[-2] < 0.0:
         yield Hypothesis(DELAY, "low-pass", "", "", motion, columns=filtered)
     # A whole turn changes nothing.
     zeros = np.linspace(-np.pi, np.pi, _STEPS + 1)[1:]
@@ -508,23 +477,14 @@ def _list_sizes(
         yield Hypothesis("log.joint-zero", family, cause, remedy, turn(zero), (joint,), tried=_STEPS)
 
 
-def _search(  # noqa: PLR0917 - what is fitted, and what is tried
-    library: Library,
-    motion: ThinMotion,
-    columns: FloatArray,
-    fold: NDArray[np.intp],
-    build: Callable[[float], ThinMotion],
-    grid: FloatArray,
-    joint: int | None = None,
+def _search(
+    logs: FollowedLogs, build: Callable[[float], ThinMotion], grid: FloatArray, joint: int | None = None
 ) -> float:
-    """Return the size whose motion leaves least squares: the best of a grid, and between its neighbours.
-
-    `columns` (t, n, p) are those of `motion` (t samples).
-    """
+    """Return the size whose motion leaves least: the best of a grid, and between its neighbours."""
 
     def measure(size: float) -> float:
         other = build(size)
-        squares = fit_motion(_evaluate_other(library, motion, columns, other), other, fold).squares
+        squares = fit_motion(logs.evaluate(other), other, logs.fold).squares
         return float(squares.sum() if joint is None else squares[joint])
 
     found = np.array([measure(size) for size in grid.tolist()])
@@ -548,30 +508,21 @@ def shift_torques(motion: ThinMotion, delay: float) -> ThinMotion:
     return replace(motion, tau=tau, kept=kept)
 
 
-def suspect_logs(library: Library, motion: ThinMotion, log: NDArray[np.intp]) -> Iterator[Hypothesis]:
-    """Yield that each log has parameters of its own; `log` (b,) is the one of every block."""
-    columns, own = evaluate_motion(library, motion), log[motion.block]
-    others = [np.where(own[:, None, None] == number, columns, 0.0) for number in np.unique(log)[1:]]
+def suspect_logs(logs: FollowedLogs) -> Iterator[Hypothesis]:
+    """Yield that each log has parameters of its own."""
+    columns, run = logs.columns, logs.motion.run
+    others = [np.where(run[:, None, None] == number, columns, 0.0) for number in np.unique(run)[1:]]
     if others:
         cause = "the logs contradict each other: another payload, robot or friction in some of them"
         remedy = "fit each log alone, and compare the parameters"
-        yield Hypothesis(LOGS, "logs", cause, remedy, motion, (), np.concatenate([columns, *others], axis=2))
+        wider = np.concatenate([columns, *others], axis=2)
+        yield Hypothesis(LOGS, "logs", cause, remedy, logs.motion, (), wider)
 
 
-def estimate_gravity(
-    library: Library, motion: ThinMotion, robot: Robot, fold: NDArray[np.intp]
-) -> GravityEstimate:
-    """Return the direction of gravity that logs show; `fold` (b,) is that of every block."""
-    return find_gravity(
-        robot,
-        q=motion.q,
-        dq=motion.dq,
-        ddq=motion.ddq,
-        tau=motion.tau,
-        kept=motion.kept,
-        stretch=fold[motion.block],
-        friction=evaluate_motion(library, motion)[:, :, len(library.card.beta) :],
-    )
+def estimate_gravity(logs: FollowedLogs, robot: Robot) -> GravityEstimate:
+    """Return the direction of gravity that logs show."""
+    friction = logs.columns[:, :, len(logs.library.card.beta) :]
+    return find_gravity(robot, logs.motion, logs.fold[logs.motion.block], friction)
 
 
 def suspect_gravity(found: GravityEstimate, motion: ThinMotion) -> Hypothesis:

@@ -8,8 +8,7 @@ Not supported: naming the missing term (see `residual_structure`); accelerations
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import scipy
@@ -18,106 +17,79 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.errors import Notice, shorten_names
+from symid.identification import regression
 from symid.identification.estimators import ParameterEstimate, RegressionFit, measure_influence
 from symid.identification.judge import POLICY, adjust_chances, numerics
-from symid.identification.regression import (
-    BLOCKS,
-    SCALAR_KINDS,
-    STATES,
-    Identifiability,
-    Rows,
-    measure_moving_ends,
-)
 from symid.logs import Recording
 from symid.robot import Processing
 
-_CORRELATED = (
-    "the residuals are correlated: the standard deviations of {names} are up to {ratio:.2g} times too small"
-)
-
-
-class FitWarning(NamedTuple):
-    """What was found and what it means, then what to do, with places for values."""
-
-    cause: str
-    remedy: str
-
-
-FIT_WARNINGS: Mapping[str, FitWarning] = {
-    "identify.no-filter": FitWarning(
-        "no filter is set: the noise of differentiated positions biases the parameters",
-        "set processing.filter_cutoff, in Hz",
+FIT_WARNINGS = {
+    "identify.no-filter": (
+        "no filter is set: the noise of differentiated positions biases the parameters. Set "
+        "processing.filter_cutoff, in Hz"
     ),
-    "identify.low-cutoff": FitWarning(
+    "identify.low-cutoff": (
         "the low-pass of the positions at {cutoff:g} Hz damps accelerations that decimation passes (up to "
-        "{kept:.3g} Hz)",
-        "raise processing.filter_cutoff to {least:.3g} Hz or more, or decimate further",
+        "{kept:.3g} Hz). Raise processing.filter_cutoff to {least:.3g} Hz or more, or decimate further"
     ),
-    "identify.pattern": FitWarning(
-        _CORRELATED,
-        "a term is missing, the filter smooths the reversal, or a joint sticks (processing.standstill): see "
-        "`symid report --diagnose`",
+    "identify.pattern": (
+        "the residuals are correlated: the standard deviations of {names} are up to {ratio:.2g} times too "
+        "small. A term is missing, the filter smooths the reversal, or a joint sticks "
+        "(processing.standstill): see `symid report --diagnose`"
     ),
-    "friction.pattern": FitWarning(
-        _CORRELATED,
-        "the friction law is incomplete, the filter smooths the reversal, or the decimation is too low "
-        "(--decimate)",
+    "friction.pattern": (
+        "the residuals are correlated: the standard deviations of {names} are up to {ratio:.2g} times too "
+        "small. The friction law is incomplete, the filter smooths the reversal, or the decimation is too "
+        "low (--decimate)"
     ),
-    "identify.impossible-mass": FitWarning(
-        "the identified mass matrix is not positive definite at {bad} of {poses} poses of the logs, which is "
-        "impossible for a robot",
-        "record more excitation, add the missing term to the model, or use --estimator consistent",
+    "identify.impossible-mass": (
+        "the identified mass matrix is not positive definite at {bad} of {poses} poses of the logs, which "
+        "is impossible for a robot. Record more excitation, add the missing term to the model, or use "
+        "--estimator consistent"
     ),
-    "identify.poorly-identifiable": FitWarning(
-        "poorly identifiable (standard deviation above {percent:g} %): {names}",
-        "they matter little in these logs, or need a motion that excites them more",
+    "identify.poorly-identifiable": (
+        "poorly identifiable (standard deviation above {percent:g} %): {names}. They matter little in these "
+        "logs, or need a motion that excites them more"
     ),
-    "elastic.poorly-identifiable": FitWarning(
-        "poorly identifiable (standard deviation above {percent:g} %): {names}",
-        "fast motions separate rotor from link inertias, and different poses identify gravity parameters: "
-        "add such motions, or take rotor inertias from data sheets",
+    "elastic.poorly-identifiable": (
+        "poorly identifiable (standard deviation above {percent:g} %): {names}. Fast motions separate rotor "
+        "from link inertias, and different poses identify gravity parameters: add such motions, or take "
+        "rotor inertias from data sheets"
     ),
-    "elastic.not-identifiable": FitWarning(
-        "not identifiable (standard deviation above the value): {names}",
-        "move these joints, fast and slowly, alone and with the others",
+    "elastic.not-identifiable": (
+        "not identifiable (standard deviation above the value): {names}. Move these joints, fast and "
+        "slowly, alone and with the others"
     ),
-    "elastic.outcome": FitWarning(
-        "the method {method} ended early: {outcome}", "compare with another method"
+    "elastic.outcome": "the method {method} ended early: {outcome}. Compare with another method",
+    "identify.moving-ends": (
+        "the log {ends} in motion, where the filter at {cutoff:g} Hz extrapolates: accelerations are wrong. "
+        "Leave {spoilt} samples out with {settings}"
     ),
-    "identify.moving-ends": FitWarning(
-        "the log {ends} in motion, where the filter at {cutoff:g} Hz extrapolates: accelerations are wrong",
-        "leave {spoilt} samples out with {settings}",
-    ),
-    "identify.structure": FitWarning(
-        "{joint}: a term of {term} explains {gain:.0f} % of the squared held-out residual", "{advice}"
-    ),
-    "identify.tracking": FitWarning(
+    "identify.tracking": (
         "simulated and measured positions differ by more than {limit:g} % of the tracking error (in "
         "brackets): {joints}; {effect}, and the controller does not explain {missed} of the torque at the "
-        "measured positions",
-        "check gains, velocity filter, integral part, feed-forward and the side of the gear",
+        "measured positions. Check gains, velocity filter, integral part, feed-forward and the side of the "
+        "gear"
     ),
-    "identify.biased-wls": FitWarning(
-        "{verdict}",
-        "fits of torque equations to this log are biased too: check processing.filter_cutoff, decimation and "
-        "processing.standstill",
+    "identify.biased-wls": (
+        "{verdict}. Fits of torque equations to this log are biased too: check processing.filter_cutoff, "
+        "decimation and processing.standstill"
     ),
-    "diagnosis.other-values": FitWarning(
-        "refitting the logs changes values by up to {refit:.3g} standard deviations",
-        "a log has changed, or the estimate was made with other options or another version: identify again",
+    "diagnosis.other-values": (
+        "refitting the logs changes values by up to {refit:.3g} standard deviations. A log has changed, or "
+        "the estimate was made with other options or another version: identify again"
     ),
-    "validate.fitted-log": FitWarning(
-        "the {what} was fitted to this log, to {part}, so this is not a validation",
-        "validate on another motion, or on a part of the log that was left out of the fit (--train, --test)",
+    "validate.fitted-log": (
+        "the {what} was fitted to this log, to {part}, so this is not a validation. Validate on another "
+        "motion, or on a part of the log that was left out of the fit (--train, --test)"
     ),
 }
-"""By code."""
+"""What was found, then what to do, with places for values, by code."""
 
 
 def build_warning(code: str, *, file: str = "", **values: object) -> Notice:
     """Return the warning of a code about a fit, or about one of its logs."""
-    cause, remedy = (part.format(**values) for part in FIT_WARNINGS[code])
-    return Notice(code=code, text=f"{cause}. {remedy[:1].upper()}{remedy[1:]}", file=file)
+    return Notice(code=code, text=FIT_WARNINGS[code].format(**values), file=file)
 
 
 def warn_of_processing(processing: Processing, recordings: Sequence[Recording]) -> tuple[Notice, ...]:
@@ -143,9 +115,8 @@ def sum_block_scores(
 ) -> tuple[FloatArray, int]:
     """Return sum_b F_b' e_b e_b' F_b (p, p) over blocks b of consecutive rows, and how many there are.
 
-    Between (F'F)^-1 on either side it is the clustered covariance, for noise that is correlated within
-    blocks (Liang and Zeger 1986). `design` is F (m, p), `errors` e (m,), `groups` (m,) the number of the
-    group of each row: each is cut into `blocks` at most, and no block has rows of two groups.
+    Between (F'F)^-1 on either side it is the clustered covariance (Liang and Zeger 1986). `design` is F (m,
+    p), `errors` e (m,), `groups` (m,) the number of the group of each row: each is cut into `blocks` at most.
     """
     total, count = np.zeros((design.shape[1], design.shape[1])), 0
     for group in np.unique(groups):
@@ -158,40 +129,36 @@ def sum_block_scores(
     return total, count
 
 
-def compute_block_deviations(rows: Rows, fit: RegressionFit, identifiability: Identifiability) -> FloatArray:
-    """Return standard deviations (p,) from the clustered covariance over blocks of each group's rows.
-
-    B G (sum_b F_b' e_b e_b' F_b) G B' with G = (F'F)^-1, F = A B.
-    """
+def compute_block_deviations(
+    rows: regression.Rows, fit: RegressionFit, identifiability: regression.Identifiability
+) -> FloatArray:
+    """Return standard deviations (p,) from the clustered covariance over blocks of each group's rows."""
     found = measure_influence(rows, identifiability.basis, fit.weights, fit.residuals)
-    total, _ = sum_block_scores(found.scores, found.residuals, rows.group, BLOCKS)
+    total, _ = sum_block_scores(found.scores, found.residuals, rows.group, regression.BLOCKS)
     return np.asarray(np.sqrt(np.maximum(np.diag(found.left @ total @ found.left.T), 0.0)))
 
 
 def warn_of_correlated_residuals(
-    rows: Rows, fit: RegressionFit, identifiability: Identifiability
+    rows: regression.Rows, fit: RegressionFit, identifiability: regression.Identifiability
 ) -> tuple[Notice, ...]:
     """Return a notice where residuals are correlated, so that the stated deviations are too small.
 
     Were they not, the variance of each parameter over blocks would be the stated one times chi-squared.
     """
-    if rows.kind in SCALAR_KINDS:
+    if rows.kind in regression.SCALAR_KINDS:
         return ()
     stated = np.sqrt(np.diag(fit.covariance))
     blocks = compute_block_deviations(rows, fit, identifiability)
     # A fit to the last bit leaves rounding, whose correlation has no meaning.
     least = numerics.EXACT * np.abs(fit.values).max()
-    known = [k for k in np.flatnonzero(identifiability.identifiable) if stated[k] > least]
-    ratios = [float(blocks[k] / stated[k]) for k in known]
-    chances = adjust_chances([float(scipy.special.chdtrc(BLOCKS, BLOCKS * ratio**2)) for ratio in ratios])
-    far = {
-        rows.names[k]: ratio
-        for k, ratio, chance in zip(known, ratios, chances, strict=True)
-        if chance < POLICY.alarm
-    }
-    if not far:
+    known = np.flatnonzero(identifiability.identifiable & (stated > least))
+    ratios = blocks[known] / stated[known]
+    chances = adjust_chances(scipy.special.chdtrc(regression.BLOCKS, regression.BLOCKS * ratios**2).tolist())
+    far = np.flatnonzero(np.array(chances) < POLICY.alarm)
+    if not len(far):
         return ()
-    return (build_warning("identify.pattern", names=", ".join(far), ratio=max(far.values())),)
+    names = ", ".join(rows.names[k] for k in known[far])
+    return (build_warning("identify.pattern", names=names, ratio=ratios[far].max()),)
 
 
 def evaluate_inertia_columns(library: Library, q: FloatArray) -> Iterator[FloatArray]:
@@ -210,7 +177,9 @@ def warn_of_mass_matrix(
 ) -> tuple[Notice, ...]:
     """Return a notice where M, of values (p,), is not positive definite at poses of the recordings."""
     positions = np.vstack([recording.position for recording in recordings])
-    poses = positions[np.linspace(0, len(positions) - 1, min(STATES, len(positions))).round().astype(int)]
+    poses = positions[
+        np.linspace(0, len(positions) - 1, min(regression.STATES, len(positions))).round().astype(int)
+    ]
     beta = values[: len(library.card.beta)]
     mass = np.stack([column @ beta for column in evaluate_inertia_columns(library, poses)], axis=2)
     least = np.linalg.eigvalsh((mass + np.swapaxes(mass, 1, 2)) / 2.0)[:, 0]
@@ -227,26 +196,17 @@ def warn_of_poorly_identifiable(parameters: Sequence[ParameterEstimate]) -> tupl
 
 
 def warn_of_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> tuple[Notice, ...]:
-    """Return which logs begin or end in motion with nothing cut off there.
-
-    `processing` is the one used, its cut-off in Hz; see `measure_moving_ends`.
-    """
+    """Return which logs begin or end in motion with nothing cut off there; `processing` is the one used."""
     notices = []
     for recording in recordings:
-        spoilt = measure_moving_ends(processing, [recording])
+        spoilt = regression.measure_moving_ends(processing, [recording])
         ends = zip(("begins", "ends"), ("drop_first", "drop_last"), spoilt, strict=True)
         bad = [(verb, name) for verb, name, least in ends if getattr(processing, name) < least]
         if bad:
-            notices.append(
-                build_warning(
-                    "identify.moving-ends",
-                    file=recording.source,
-                    ends=" and ".join(verb for verb, _ in bad),
-                    cutoff=processing.filter_cutoff,
-                    spoilt=max(spoilt),
-                    settings=" ".join(f"--set processing.{name}={max(spoilt)}" for _, name in bad),
-                )
-            )
+            told: dict[str, object] = {"cutoff": processing.filter_cutoff, "spoilt": max(spoilt)}
+            told["ends"] = " and ".join(verb for verb, _ in bad)
+            told["settings"] = " ".join(f"--set processing.{name}={max(spoilt)}" for _, name in bad)
+            notices.append(build_warning("identify.moving-ends", file=recording.source, **told))
     return tuple(notices)
 
 

@@ -26,6 +26,7 @@ from symid import dynamics
 from symid.arrays import FloatArray
 from symid.identification import judge
 from symid.identification.judge import numerics
+from symid.identification.regression import ThinMotion
 from symid.notation import INERTIAL
 from symid.robot import ZERO, Robot
 
@@ -39,14 +40,11 @@ _ROUNDING = 1e-6
 class GravityEstimate:
     """The direction of gravity that explains a log best.
 
-    Args:
-        direction: (3,) gravity in the base frame in m/s^2, of the length that the file states.
-        turn: rad, from the file's direction, 0 where it states none.
-        deviation: rad, of what the log shows of the direction, by the jackknife over stretches.
-        difference: how the direction differs from the file's, in rad.
-        left, left_before: (n,) squares of torque that are left with it, and with the file's.
-        tau: (T, n) torques as they would be under the file's gravity: those of a stretch changed by the
-            parameters of the others.
+    `direction` (3,) is gravity in the base frame in m/s^2, of the length that the file states, `turn` (rad)
+    away from the file's, 0 where it states none; `deviation` (rad) of what the log shows, by the jackknife
+    over stretches, and `difference` from the file's. `left` and `left_before` (n,) are the squares of torque
+    that are left with it, and with the file's; `tau` (T, n) the torques as they would be under the file's
+    gravity: those of a stretch changed by the parameters of the others.
     """
 
     direction: FloatArray
@@ -136,14 +134,15 @@ class _Model(NamedTuple):
 
 
 def _build_columns(
-    robot: Robot, size: float, states: tuple[FloatArray, FloatArray, FloatArray], friction: FloatArray
+    robot: Robot, size: float, motion: ThinMotion, friction: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the columns (T, n, P) S, |g| W_k and F, and how unknowns enter their coefficients, (4, P, p)."""
     keys = [(link, name) for link in range(robot.size) for name in INERTIAL]
     weighed = [place for place, (_, name) in enumerate(keys) if name in dynamics.WEIGHED]
     keys += dynamics.list_drive_parameters(robot)
-    inertial = dynamics.evaluate_torque_regressor(replace(robot, gravity=(ZERO,) * 3), keys, *states)
-    weights = size * dynamics.evaluate_weight_columns(robot, states[0])
+    bare = replace(robot, gravity=(ZERO,) * 3)
+    inertial = dynamics.evaluate_torque_regressor(bare, keys, motion.q, motion.dq, motion.ddq)
+    weights = size * dynamics.evaluate_weight_columns(robot, motion.q)
     columns = np.concatenate([inertial, *weights, friction], axis=2)
     first, count, others = len(keys), len(weighed), friction.shape[2]
     lift = np.zeros((4, columns.shape[2], first + others))
@@ -155,28 +154,19 @@ def _build_columns(
 
 
 def find_gravity(
-    robot: Robot,
-    *,
-    q: FloatArray,
-    dq: FloatArray,
-    ddq: FloatArray,
-    tau: FloatArray,
-    kept: NDArray[np.bool_],
-    stretch: NDArray[np.intp],
-    friction: FloatArray,
+    robot: Robot, motion: ThinMotion, stretch: NDArray[np.intp], friction: FloatArray
 ) -> GravityEstimate:
-    """Return the direction of gravity that explains samples best.
+    """Return the direction of gravity that explains the samples (T,) of a motion best.
 
-    q, dq, ddq, tau (T, n) in rad or m and N m or N; `kept` (T, n) the rows that count; `stretch` (T,) number
-    of every sample's stretch, of two or more; `friction` (T, n, f) the columns of friction.
+    `stretch` (T,) number of every sample's stretch, of two or more; `friction` (T, n, f) columns of friction.
     """
     gravity = np.array([value.to_float(dict(robot.symbols)) for value in robot.gravity])
     size = float(np.linalg.norm(gravity)) or 9.81
-    columns, lift = _build_columns(robot, size, (q, dq, ddq), friction)
-    rows = np.concatenate([columns, tau[:, :, None]], axis=2) * kept[:, :, None]
+    columns, lift = _build_columns(robot, size, motion, friction)
+    rows = np.concatenate([columns, motion.tau[:, :, None]], axis=2) * motion.kept[:, :, None]
     parts = (np.swapaxes(rows[stretch == place], 0, 1) for place in range(int(stretch.max()) + 1))
     sums = np.stack([np.swapaxes(part, 1, 2) @ part for part in parts])
-    model = _Model(sums.sum(axis=0), kept.sum(axis=0), lift, gravity / size)
+    model = _Model(sums.sum(axis=0), motion.kept.sum(axis=0), lift, gravity / size)
     # A unit of every unknown makes a hundred times the measured torque, all directions of gravity together.
     squares = np.diagonal(np.tensordot(model.weigh(model.size), model.sums, 1))
     made = np.einsum("kij,i->j", lift**2, squares[:-1])
@@ -201,5 +191,5 @@ def find_gravity(
         difference=difference,
         left=best.left,
         left_before=model.fit(model.before, model.weigh(before.left)).left,
-        tau=tau + np.einsum("tjp,tp->tj", columns, change[stretch]),
+        tau=motion.tau + np.einsum("tjp,tp->tj", columns, change[stretch]),
     )

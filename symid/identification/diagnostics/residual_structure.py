@@ -1,7 +1,7 @@
 """What a model leaves of a log: the terms that it misses, and the residual within a band of frequencies.
 
 Parameters, the library of their model, recordings -> `JointResidual` of each joint that moves ->
-`ResidualFinding`s; a recording and a band -> `TorquePrediction` -> `BandResidual`.
+`ResidualFinding`s; a recording and a band -> `BandResidual`.
 
 For every joint, families of functions that the model does not have are tried on the residual, one at a time.
 What the model's own columns at that joint explain is taken out of residual and functions first (e', C'), and
@@ -25,7 +25,7 @@ momentum rows: whatever the fit, those of torque rows are used.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -50,7 +50,7 @@ from symid.logs import (
     prepare_signals,
 )
 from symid.robot import Decimation, Processing
-from symid.serialization import name_key
+from symid.serialization import HIDDEN, name_key
 
 
 class JointMotion(NamedTuple):
@@ -68,12 +68,10 @@ class JointMotion(NamedTuple):
     period: float
 
 
-def pick_motion(
-    states: Sequence[FloatArray], joint: int, load: FloatArray, period: float, resting: Collection[int] = ()
-) -> JointMotion:
-    """Return the motion of a joint from time (N,), q, dq and ddq (N, n); `resting` are no other joints."""
+def pick_motion(states: Sequence[FloatArray], joint: int, load: FloatArray, period: float) -> JointMotion:
+    """Return the motion of a joint from time (N,), q, dq and ddq (N, n)."""
     time, q, dq, ddq = states
-    others = [(dq[:, k], ddq[:, k]) for k in range(q.shape[1]) if k != joint and k not in resting]
+    others = [(dq[:, k], ddq[:, k]) for k in range(q.shape[1]) if k != joint]
     return JointMotion(time, q[:, joint], dq[:, joint], ddq[:, joint], load, others, period)
 
 
@@ -138,12 +136,9 @@ FAMILIES: dict[str, Family] = {
 class JointResidual:
     """The residual of one joint.
 
-    Args:
-        error: (m,) residual torque, weighted; plain: (m,) not weighted.
-        roots: (m,) of the weights, of mean square one.
-        model: (m, p) columns of the model, weighted.
-        blocks: (m,) number of the block of time of each row.
-        motions: of the logs, at full rate; rows are decimated, and one in `step` of them is taken.
+    `error` (m,) is weighted and `plain` (m,) is not, `roots` (m,) are those of the weights, of mean square
+    one; `model` (m, p) columns of the model, weighted; `blocks` (m,) number of the block of time of each row.
+    `motions` of the logs are at full rate; rows are decimated, and one in `step` of them is taken.
     """
 
     error: FloatArray
@@ -241,7 +236,7 @@ class ResidualFinding:
     """A family of functions, key of `FAMILIES`, that explains part of a joint's residual.
 
     `share_percent` is on held-out blocks, of the square of what the model's own columns leave of the residual
-    (of all of it for "other values"), `rms` the root mean square of what it explains, in `unit`.
+    (of all of it for "other values"), `rms` of what it explains, in `unit`.
     """
 
     joint: str
@@ -288,9 +283,8 @@ def analyse_residuals(
 ) -> tuple[tuple[ResidualFinding, ...], tuple[JointProfiles, ...]]:
     """Return the families that explain at least 5 % of a joint's squared residual, and its profiles.
 
-    `values` (p,) are base parameters and friction, in the order of the library's card; `weights` those of
-    each log's squared residuals, one if None. Where a joint's equations take more than `largest` bytes, one
-    row in some is used.
+    `values` (p,) are base parameters and friction; `weights` those of each log's squared residuals, one if
+    None. Where a joint's equations take more than `largest` bytes, one row in some is used.
     """
     residuals = compute_joint_residuals(
         values, library, recordings, processing, weights=weights, largest=largest
@@ -363,35 +357,22 @@ _FEWEST = 20
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class TorquePrediction(FrozenArrays):
-    """Measured and predicted torques of one log, both low-passed at `band` Hz; `time` (N,) in s.
-
-    `measured` and `predicted` are (N, n), N m or N, joint side, the former without the torque of a known
-    payload; `counted` are the indices of the joints whose torque counts.
-    """
-
-    joints: tuple[str, ...]
-    units: tuple[str, ...]
-    time: FloatArray
-    measured: FloatArray
-    predicted: FloatArray
-    counted: tuple[int, ...]
-    band: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class BandResidual:
+class BandResidual(FrozenArrays):
     """The residual of a model on a log within a band in Hz, of each joint that counts.
 
     `std` of `joints` is the root mean square, `range_percent` that over the range of the measured torque;
-    `stacked_percent` is the relative residual of all joints as one vector, None for one joint and
-    where units differ.
+    `stacked_percent` is of all joints as one vector, None for one joint and where units differ. `measured`
+    and `predicted` (N, n) are the torques behind it at `time` (N,) s, both low-passed, in N m or N on the
+    joint side, the former without the torque of a known payload.
     """
 
     joints: tuple[Residual, ...]
     range_percent: tuple[float, ...]
     band: float
     stacked_percent: float | None = None
+    time: FloatArray = field(metadata=HIDDEN)
+    measured: FloatArray = field(metadata=HIDDEN)
+    predicted: FloatArray = field(metadata=HIDDEN)
 
     @property
     def mean_relative_percent(self) -> float:
@@ -399,17 +380,13 @@ class BandResidual:
         return compute_mean_relative(self.joints)
 
 
-def predict_torques(
+def compute_band_residual(
     values: FloatArray, library: Library, recording: Recording, processing: Processing, *, band: float
-) -> TorquePrediction:
-    """Return measured and predicted torques of `recording`, both low-passed at `band` Hz.
+) -> BandResidual:
+    """Return what a model leaves of the torques of `recording` below `band` Hz.
 
-    `values` (p,) are base parameters and friction, in the order of the library's card. Of `processing` the
-    filter of the positions is used, chosen from the log if left open, and the samples cut at either end; half
-    a second of what is left does not count, at either end.
-
-    Raises:
-        LogError: the band does not fit the sample rate, or too little is left of the log.
+    `values` (p,) are base parameters and friction. Of `processing` the filter of the positions is used,
+    chosen from the log if left open, and the samples cut at either end.
     """
     processing = regression.choose_filters(processing, [recording]).processing
     resting = regression.list_resting_joints(recording)
@@ -422,7 +399,7 @@ def predict_torques(
             f"within a band that leaves out {condensing.ENDS:g} s at either end; cut off less, or log longer"
         )
         raise LogError(Notice(code="validate.short-log", text=text, file=recording.source))
-    kept, joints = slice(left, len(signals.time) - left), library.card.joints
+    kept, cards = slice(left, len(signals.time) - left), library.card.joints
     torque = recording.torque[processing.drop_first :][: len(signals.time)]
     load = regression.compute_payload_torque(library, signals, recording)
     torque = torque if load is None else torque - load
@@ -433,35 +410,20 @@ def predict_torques(
         low_pass(torques, period=signals.period, cutoff=band, order=_ORDER)[kept]
         for torques in (torque, found)
     )
-    return TorquePrediction(
-        joints=tuple(joint.name for joint in joints),
-        units=tuple(joint.torque_unit for joint in joints),
-        time=signals.time[kept],
-        measured=measured,
-        predicted=predicted,
-        counted=tuple(k for k, joint in enumerate(joints) if k not in resting or joint.friction == "none"),
-        band=band,
-    )
-
-
-def compute_band_residual(prediction: TorquePrediction) -> BandResidual:
-    """Return the residual of every joint that counts."""
-    joints, ranges = [], []
-    errors = prediction.measured - prediction.predicted
-    for index in prediction.counted:
-        measured = prediction.measured[:, index]
-        found = Residual.measure(
-            prediction.joints[index], errors[:, index], measured, prediction.units[index]
-        )
-        spread = float(np.ptp(measured))
-        joints.append(found)
-        ranges.append(100.0 * found.std / spread if spread else float("inf"))
-    counted = list(prediction.counted)
-    whole, left = (float(np.linalg.norm(part[:, counted])) for part in (prediction.measured, errors))
+    errors, joints, ranges = measured - predicted, list[Residual](), list[float]()
+    counted = [k for k, card in enumerate(cards) if k not in resting or card.friction == "none"]
+    for k in counted:
+        spread, unit = float(np.ptp(measured[:, k])), cards[k].torque_unit
+        joints.append(Residual.measure(cards[k].name, errors[:, k], measured[:, k], unit))
+        ranges.append(100.0 * joints[-1].std / spread if spread else float("inf"))
+    whole, rest = (float(np.linalg.norm(part[:, counted])) for part in (measured, errors))
     alike = len(joints) > 1 and len({entry.unit for entry in joints}) == 1 and whole > 0.0
     return BandResidual(
         joints=tuple(joints),
         range_percent=tuple(ranges),
-        band=prediction.band,
-        stacked_percent=100.0 * left / whole if alike else None,
+        band=band,
+        stacked_percent=100.0 * rest / whole if alike else None,
+        time=signals.time[kept],
+        measured=measured,
+        predicted=predicted,
     )

@@ -54,11 +54,10 @@ class Ellipse:
 def list_correlated(covariance: FloatArray, names: Sequence[str]) -> tuple[tuple[str, str, float], ...]:
     """Return (name, name, correlation r) of pairs of which one, if it were known, would fix the other.
 
-    The variance 1 - r^2 of the other falls `POLICY.fall` times then; the closest pair is first. The
-    correlation with a parameter that has no deviation is 0.
+    The variance 1 - r^2 of the other falls `POLICY.fall` times then; the closest pair is first.
     """
     deviation = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-    inverse = np.where(deviation > 0.0, 1.0 / np.where(deviation > 0.0, deviation, 1.0), 0.0)
+    inverse = np.divide(1.0, deviation, out=np.zeros_like(deviation), where=deviation > 0.0)
     first, second = np.triu_indices(len(names), 1)
     found = np.clip(covariance * inverse[:, None] * inverse, -1.0, 1.0)[first, second]
     close = POLICY.fall * (1.0 - found**2) <= 1.0
@@ -179,8 +178,7 @@ def select_essential(
 ) -> Essential:
     """Return the model that is left when parameters below `level` deviations are dropped one by one.
 
-    Only identifiable parameters are dropped; the rows keep the weights of the fit. `freedom` says how the
-    variance of the noise is estimated, see `Processing.noise_freedom`.
+    Only identifiable parameters are dropped; the rows keep the weights of the fit.
     """
     identifiable = identifiability.identifiable
     candidates = np.flatnonzero(identifiable)
@@ -195,7 +193,7 @@ def select_essential(
     factor = compute_triangle(np.column_stack([weighted, rows.values * fit.weights]))
     stated = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
     blocks = compute_block_deviations(rows, fit, identifiability)
-    ratio: FloatArray = np.where(stated > 0.0, blocks / np.where(stated > 0.0, stated, 1.0), 1.0)
+    ratio = np.divide(blocks, stated, out=np.ones_like(stated), where=stated > 0.0)
     inflation = np.maximum(ratio, 1.0)[candidates]
     _, independent = regression.count_freedom(freedom, fit.spent, rows.independent)
     left = max(independent * (len(rows.values) - float(fit.spent.sum())), 1.0)
@@ -265,10 +263,7 @@ class Drift:
 
 
 def measure_drift(rows: regression.Rows, fit: RegressionFit, freedom: str = "band") -> Drift:
-    """Return the differences between the logs behind `rows`; none where there is only one.
-
-    `freedom` says how the variance of the noise is estimated, see `Processing.noise_freedom`.
-    """
+    """Return the differences between the logs behind `rows`; none where there is only one."""
     runs = tuple(int(run) for run in np.unique(rows.run))
     if len(runs) < 2:
         return Drift(runs=runs, changed=(), compared=0)
@@ -301,14 +296,12 @@ def measure_drift(rows: regression.Rows, fit: RegressionFit, freedom: str = "ban
         chance = float(scipy.special.fdtrc(count, regression.BLOCKS - 1, square / count))
         changes.append(ParameterDrift(name, tuple(values.tolist()), tuple(deviations.tolist()), chance))
     chances = adjust_chances([entry.chance for entry in changes])
-    changed = sorted(
-        (
-            entry
-            for entry, chance in zip(changes, chances, strict=True)
-            if chance < POLICY.alarm and np.ptp(entry.values) > POLICY.relevance * abs(np.mean(entry.values))
-        ),
-        key=lambda entry: entry.chance,
-    )
+    changed = [
+        entry
+        for entry, chance in zip(changes, chances, strict=True)
+        if chance < POLICY.alarm and np.ptp(entry.values) > POLICY.relevance * abs(np.mean(entry.values))
+    ]
+    changed.sort(key=lambda entry: entry.chance)
     return Drift(runs=tuple(alone), changed=tuple(changed), compared=len(changes))
 
 

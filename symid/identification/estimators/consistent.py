@@ -35,16 +35,13 @@ from symid.robot import Robot, build_pseudo_inertias
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Bodies(FrozenArrays):
-    """beta = K pi in numbers.
+    """beta = K pi in numbers, of the base parameters `names` (p,), friction among them.
 
-    Args:
-        names: (p,) base parameters, friction among them.
-        links: (p, n, 10) coefficients of the links' standard parameters.
-        positive: (p, a) coefficients of rotor inertias, which must be positive.
-        bounded: (p, b) coefficients of viscous and dry friction, which must not be negative.
-        free: (p, c) coefficients of offsets, springs and the like.
-        stated: (n, 10) bodies of the robot file, or round ones in their place; the distance to them decides
-            what the log leaves open. `unit` whether the file states none, and their mass is one each.
+    `links` (p, n, 10) are coefficients of the links' standard parameters, `positive` (p, a) of rotor
+    inertias, which must be positive, `bounded` (p, b) of viscous and dry friction, which must not be
+    negative, `free` (p, c) of offsets, springs and the like. `stated` (n, 10) are bodies of the robot file,
+    or round ones in their place; the distance to them decides what the log leaves open. `unit` whether the
+    file states none, and their mass is one each.
     """
 
     names: tuple[str, ...]
@@ -151,11 +148,9 @@ _WEIGHT = 0.5
 class ConsistentSolution:
     """Bodies that fit best.
 
-    Args:
-        values: (p,) base parameters and friction; pi: (n, 10) standard parameters of the links.
-        eigenvalue: the smallest one of the pseudo-inertias, SI.
-        nearest: the unknowns of the cost; its `gap` bounds how far the cost is above the least.
-        weight: of the distance, g times the square of the noise that bodies leave.
+    `values` (p,) base parameters and friction; `pi` (n, 10) standard parameters of the links; `eigenvalue`
+    the smallest one of the pseudo-inertias, SI; `nearest` the unknowns of the cost; `weight` of the distance,
+    g times the square of the noise that bodies leave.
     """
 
     values: FloatArray
@@ -212,13 +207,10 @@ def fit_consistent(
 
 
 def solve_consistent(triangle: FloatArray, centre: FloatArray, bodies: Bodies) -> ConsistentSolution:
-    """Return the bodies that minimise |F [x; -1]|^2 / 2 and the distance to those expected.
+    """Return the bodies that minimise |F [x; -1]|^2 / 2 and the distance to those expected, or a SolverError.
 
     F (k, p + 1) is `triangle`, of the weighted rows over the standard deviation of their noise; `centre` (p,)
     are the parameters without bounds, for the size of the bodies to start from.
-
-    Raises:
-        SolverError: no optimum was found.
     """
     cost = build_cost(triangle, centre, bodies, _WEIGHT)
     square = float(np.sum((triangle @ np.append(centre, -1.0)) ** 2))

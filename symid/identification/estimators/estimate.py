@@ -35,10 +35,7 @@ _SPAN = 0.1
 
 
 def find_phases(time: FloatArray, velocity: FloatArray, run: NDArray[np.intp]) -> NDArray[np.intp]:
-    """Return the place in `PHASES` of what a joint does at its rows (m,).
-
-    `time` in s rises within each recording `run` (m,); `velocity` in rad/s or m/s.
-    """
+    """Return the place in `PHASES` of what a joint does at its rows (m,); `time` in s rises in each `run`."""
     top = float(np.quantile(np.abs(velocity), 1.0 - POLICY.alarm)) if len(velocity) else 0.0
     phases = (np.abs(velocity) <= _SLOW * top).astype(np.intp)
     for number in np.unique(run):
@@ -85,12 +82,10 @@ class MotionResidual:
 class Candidate:
     """One setting that was tried.
 
-    Args:
-        band: Hz, of the rows; instruments: Hz, band of the instruments, 0 for least squares.
-        held_out: cross-validated residual in percent of the torque, mean over joints.
-        fall: squares left over those of the best candidate; p: of so large a difference by chance;
-            consistent: the same, from the same rows with the lowest instruments.
-        states: up to which columns of the log they are used, "position", "velocity" or "acceleration".
+    `band` Hz, of the rows; `instruments` Hz, band of the instruments, 0 for least squares; `held_out`
+    cross-validated residual in percent of the torque, mean over joints; `fall` squares left over those of the
+    best candidate, `p` of so large a difference by chance, `consistent` the same, from the same rows with the
+    lowest instruments; `states` up to which columns of the log they are used.
     """
 
     band: float
@@ -140,13 +135,10 @@ class JointEvidence:
 class ConsistencyTest:
     """Whether two estimates from the same logs say the same of a joint's torque.
 
-    Args:
-        what: "halves", "logs", "slow rows", "band"; against the robot file "gravity" (its direction), and
-            "scale" of a joint, only where it differs.
-        joint: its name; part: which log, where it is one of several, how far gravity is turned, how many
-            times the torque is.
-        verdict: "same", "different" or "inconclusive"; size: percent of the torque by which they differ
-            beyond noise; bound: percent, at most; p: probability of so large a difference by chance.
+    `what` is "halves", "logs", "slow rows" or "band"; against the robot file "gravity" (its direction), and
+    "scale" of a joint, only where it differs. `part` is which log, how far gravity is turned, or how many
+    times the torque is. `verdict` is "same", "different" or "inconclusive"; `size` percent of the torque by
+    which they differ beyond noise, `bound` at most; `p` the probability of so large a difference by chance.
     """
 
     what: str
@@ -162,11 +154,9 @@ class ConsistencyTest:
 class Cause:
     """A single mistake in the log or the robot file that explains a fit, or a term that the model lacks.
 
-    Args:
-        code, cause, remedy: its code, what is wrong and what to do, in words; family: what else is of its
-            kind; joints: those whose torque it touches, none for all.
-        before, after: percent of their held-out torque left with it and without it; p: of chance, adjusted
-            for all that were tried.
+    `cause` is what is wrong and `remedy` what to do, in words; `family` what else is of its kind; `joints`
+    those whose torque it touches, none for all. `before` and `after` are percent of their held-out torque
+    left with it and without it; `p` of chance, adjusted for all that were tried.
     """
 
     code: str
@@ -194,17 +184,12 @@ class JointRange:
 class Evidence:
     """What speaks for and against an estimate.
 
-    Args:
-        joints: held-out residual of each joint that moves and has a torque.
-        scoring: Hz, within which that was measured.
-        stretches: number of held-out stretches; logs: whole logs that were held out, 0 for stretches.
-        tests: whether halves, logs, slow and fast rows, and bands say the same.
-        impossible: what no robot can have, in words; bounded: percent that a fit without that leaves of the
-            held-out torque, 0 where nothing is impossible.
-        causes: one, or several that explain the logs equally well; none where nothing does.
-        in_proportion: pairs of joints that move in proportion throughout all logs.
-        period: s, of a motion that repeats, 0 for one that does not.
-        covered: what positions, speeds and accelerations the logs have.
+    `joints`: held-out residual of each joint that moves and has a torque, within `scoring` Hz; `stretches`
+    that were held out, or whole `logs`, 0 for stretches. `tests`: whether halves, logs, slow and fast rows,
+    and bands say the same. `impossible`: what no robot can have, in words; `bounded` percent that a fit
+    without that leaves of the held-out torque, 0 where nothing is. `causes`: one, or several that explain the
+    logs equally well. `in_proportion`: pairs of joints that move so throughout all logs; `period` s, of a
+    motion that repeats, 0 for one that does not; `covered` positions, speeds and accelerations of the logs.
     """
 
     joints: tuple[JointEvidence, ...]
@@ -237,15 +222,12 @@ class Evidence:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LawTrial:
-    """A law that was tried.
+    """A law that was tried, with `unknowns` parameters.
 
-    Args:
-        unknowns: the number of the law's parameters.
-        fitted_percent: residual of the fit to all rows, |e| / |tau| in percent.
-        held_percent: the same of the held-out rows, in percent; held_rms: in N m or N.
-        ratio: squared error of the held-out rows, relative to Coulomb, viscous and constant friction.
-        behind: mean difference of the squared error from the best law, in its standard errors.
-        aicc: of the fit to all rows; reason: why it was not tried, or cannot be taken; else empty.
+    `fitted_percent` is the residual of the fit to all rows, |e| / |tau|, `held_percent` that of the held-out
+    rows, `held_rms` in N m or N; `ratio` the squared error of the held-out rows, relative to Coulomb, viscous
+    and constant friction; `behind` its mean difference from the best law, in its standard errors; `aicc` of
+    the fit to all rows; `reason` why it was not tried, or cannot be taken; else empty.
     """
 
     law: str
@@ -375,14 +357,11 @@ def list_shares(residual: Sequence[Residual]) -> list[float]:
 class FitRecord:
     """The result of an identification, of any kind: what all of them have.
 
-    Args:
-        robot: its name; `signature` that of its model card.
-        friction: the friction model of each joint; empty where friction itself was identified.
-        sources: the logs; settings: processing, log map and options, after overrides.
-        refused: parameters or joints that are not identifiable from the logs, with the reason.
-        notices: what a reader of the result should know.
-        simulated: whether all logs were simulated from the robot file, whose values are then the truth.
-        file: the robot's, empty where its name finds it.
+    `robot` is its name, `signature` that of its model card; `friction` the friction model of each joint,
+    empty where friction itself was identified; `sources` the logs; `settings` processing, log map and
+    options, after overrides; `refused` parameters or joints that are not identifiable, with the reason;
+    `simulated` whether all logs were simulated from the robot file, whose values are then the truth; `file`
+    the robot's, empty where its name finds it.
     """
 
     kind: ClassVar[str]
@@ -406,17 +385,12 @@ class FitRecord:
 
 
 def check_model(record: FitRecord, card: ModelCard, file: str = "") -> None:
-    """Check that the record was made with the model of `card`; `file` is named in messages.
-
-    Raises:
-        EstimateError: its signature is another one, or parameters or joints are not the model's.
-    """
+    """Raise EstimateError where the record was not made with the model of `card`; `file` is named."""
     if record.signature == card.signature:
         if strangers := record.list_strangers(card):
             text = f"the fit does not match the model {card.robot!r}: {', '.join(strangers)}; identify again"
             raise EstimateError(Notice(code="estimate.parameters", text=text, file=file))
         return
-    check_robot(record, card.robot, file)
     difference = (
         f"the model of robot {card.robot!r} has changed since: its signature is {card.signature[:12]}, "
         f"that of the fit {record.signature[:12]}"
@@ -425,30 +399,25 @@ def check_model(record: FitRecord, card: ModelCard, file: str = "") -> None:
     theirs = ", ".join(joint.friction for joint in card.joints)
     if own and own != theirs:
         difference = f"its friction models are {own}, those of the robot {theirs}"
-    raise _refuse_model(difference, file)
+    check_robot(record, card.robot, file, difference)
 
 
-def check_robot(record: FitRecord, robot: str, file: str = "") -> None:
-    """Raise EstimateError where the record was made for a robot of another name."""
+def check_robot(record: FitRecord, robot: str, file: str = "", difference: str = "") -> None:
+    """Raise EstimateError where the record was made for a robot of another name, or with a `difference`."""
     if record.robot != robot:
         difference = f"it was identified for robot {record.robot!r}, not for {robot!r}"
-        raise _refuse_model(difference, file)
-
-
-def _refuse_model(difference: str, file: str) -> EstimateError:
-    text = f"the fit does not match the model: {difference}"
-    text += "; use the same robot and options, or identify again"
-    return EstimateError(Notice(code="estimate.signature", text=text, file=file))
+    if difference:
+        text = f"the fit does not match the model: {difference}"
+        text += "; use the same robot and options, or identify again"
+        raise EstimateError(Notice(code="estimate.signature", text=text, file=file))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FittedLaw:
     """The friction law of a joint that was chosen, or whose shape values were fitted.
 
-    Args:
-        joint, law: their names; shape: its shape values, in the law's order.
-        names: of these among the parameters; smoothing: v0 of its sign in rad/s or m/s, 0 for the sign.
-        selection: how the law was chosen, None where it was named.
+    `shape` are its shape values, in the law's order, `names` of these among the parameters; `smoothing` v0 of
+    its sign in rad/s or m/s, 0 for the sign; `selection` how the law was chosen, None where it was named.
     """
 
     joint: str
@@ -468,12 +437,9 @@ class FittedLaw:
 class DynamicsRecord(FitRecord):
     """Parameters of the dynamics, of rigid or elastic joints.
 
-    Args:
-        parameters: those identified, in the order of the model card; residual: joint by joint.
-        condition: condition number of the column-scaled matrix, over the identifiable directions.
-        covariance: of `parameters`, row by row; empty where the method has none.
-        laws: friction laws that were chosen or fitted with their shape values; empty where the robot file
-            states them.
+    `parameters` are those identified, in the order of the model card, with their `covariance`, empty where
+    the method has none; `residual` joint by joint; `condition` number of the column-scaled matrix, over the
+    identifiable directions; `laws` that were chosen or fitted with their shape values.
     """
 
     parameters: tuple[ParameterEstimate, ...]
@@ -514,14 +480,11 @@ class DynamicsRecord(FitRecord):
 class Estimate(DynamicsRecord):
     """Parameters of a robot whose joints are rigid, or taken as rigid.
 
-    Args:
-        rows: how measurements became equations; `estimator` how equations became parameters.
-        samples: rows of the fit.
-        unresolved: values of least norm for refused parameters that act only together. They complete a
-            prediction of motions like those of the log; a single one has no physical meaning.
-        choice: how settings were chosen that were left open; evidence: what speaks for the estimate. None
-            where neither was looked at.
-        motion: (K, 3 n) states q, dq, ddq of the logs, in which what other values cost is measured.
+    `rows`: how measurements became equations; `estimator` how equations became parameters; `samples` rows of
+    the fit. `unresolved` are values of least norm for refused parameters that act only together: they
+    complete a prediction of motions like those of the log. `choice`: how settings were chosen that were left
+    open; `evidence`: what speaks for the estimate. `motion` (K, 3 n) are states q, dq, ddq of the logs, in
+    which what other values cost is measured.
     """
 
     kind: ClassVar[str] = "rigid"
@@ -568,12 +531,7 @@ class Estimate(DynamicsRecord):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Series(FrozenArrays):
-    """Measured and predicted values of one joint's rows.
-
-    Args:
-        time: (M,) s; velocity: (M,) of the joint, in `velocity_unit`.
-        measured, predicted: (M,) in `unit`.
-    """
+    """Measured and predicted values (M,) of one joint's rows in `unit`; `time` (M,) in s, `velocity` (M,)."""
 
     joint: str
     unit: str

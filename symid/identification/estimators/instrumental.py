@@ -38,14 +38,11 @@ _BLIND = "identify.blind-instruments"
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class InstrumentalSolution(FrozenArrays):
-    """The estimate by instruments.
+    """The estimate by instruments, and what is identifiable from Y and Z together.
 
-    Args:
-        fit: its residuals are those of the measured rows.
-        identifiability: of Y and Z together.
-        matrix: (k, p) Q' W^(1/2) Y, what instruments explain of Y in the frame Q.
-        frame: (m, k) Q; gain: (p, k), x = gain Q' W^(1/2) tau.
-        correlation: c, from zero to one; strength: F, infinite where Z explains Y wholly.
+    `matrix` (k, p) Q' W^(1/2) Y, what instruments explain of Y in the frame Q (`frame`, (m, k)); `gain` (p,
+    k), x = gain Q' W^(1/2) tau; `correlation` c, from zero to one; `strength` F, infinite where Z explains Y
+    wholly.
     """
 
     fit: RegressionFit
@@ -67,12 +64,8 @@ def fit_instruments(
 ) -> InstrumentalSolution:
     """Return the parameters by instrumental variables.
 
-    `rows` have the measured Y (m, p) and tau (m,), `instruments` Z (m, p) in the same order; `freedom` says
-    how the variance of the noise is estimated, see `Processing.noise_freedom`. States of the instruments are
-    `simulated`, or measured and smooth.
-
-    Raises:
-        IdentifiabilityError: no parameter is identifiable from rows and instruments together.
+    `rows` have the measured Y (m, p) and tau (m,), `instruments` Z (m, p) in the same order; `freedom` as in
+    `Processing.noise_freedom`. States of the instruments are `simulated`, or measured and smooth.
     """
     measured = regression.analyse_identifiability(rows, rule)
     # What Z P identifies, P x = x in directions that Y observes and 0 in the others.
@@ -92,7 +85,7 @@ def fit_instruments(
     count = int(basis.shape[1])
     condensed = regression.condense_weighted(rows, rows.weight, instruments.matrix)
     solve = partial(_solve_stages, condensed.factors, basis, simulated=simulated)
-    weights = iterate_weights(regression.condense_rows(rows), lambda guess: solve(guess)[:2], freedom)
+    weights = iterate_weights(regression.condense_rows(rows), solve, freedom)
     values, leverage, gain, matrix, triangle, correlation = solve(weights)
     factors = weights[rows.group] * np.sqrt(rows.weight)
     frame = (instruments.matrix @ basis) * factors[:, None]
@@ -188,11 +181,8 @@ def _solve_stages(
 class Exogeneity:
     """The test of least squares for bias.
 
-    Args:
-        statistic: F, zero where there is nothing to test; freedom: of numerator and denominator.
-        probability: of so large an F by chance.
-        shifts: (name, shift) of identifiable parameters: least squares less instruments, in standard
-            deviations of least squares; zero where both are exact.
+    `statistic` F is zero where there is nothing to test, `freedom` of numerator and denominator; `shifts` of
+    identifiable parameters are least squares less instruments, in standard deviations of least squares.
     """
 
     statistic: float
@@ -213,10 +203,7 @@ class Exogeneity:
 
 
 def assess_exogeneity(rows: Rows, found: InstrumentalSolution, freedom: str = "band") -> Exogeneity:
-    """Return whether least squares of measured rows, weighted as the instruments' fit, are biased.
-
-    `freedom` says how the variance of the noise is estimated, see `Processing.noise_freedom`.
-    """
+    """Return whether least squares of measured rows, weighted as the instruments' fit, are biased."""
     factors, basis = found.fit.weights, found.identifiability.basis
     weights = np.ones(len(rows.group_names))
     groups, first = np.unique(rows.group, return_index=True)

@@ -33,11 +33,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import combinations_with_replacement
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays
+from symid.arrays import FloatArray, FrozenArrays, compute_triangle
 from symid.errors import Notice, UsageError
 from symid.identification import regression
 from symid.identification.estimators.estimate import Residual
@@ -49,16 +50,14 @@ from symid.robot import Processing
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RegressionFit(FrozenArrays):
-    """A fit of parameters to rows.
+    """A fit of parameters `values` (p,) to rows, with their `covariance` (p, p).
 
     Args:
-        values: (p,) parameters; covariance: (p, p).
         residuals: (m,) y - A x, in the rows' units, whatever the weights; none of condensed rows.
         spent: (g,) rows that parameters take from each group: they say nothing of its noise.
         condition: of the column-scaled matrix, weighted where the fit is.
         weights: (m,) what the rows were multiplied by, of condensed rows (g,) each group.
-        notices: what a reader of the result should know of the fit.
-        report: what the estimator chose or reached, by name; plain numbers, texts and lists.
+        notices: on the fit; report: what the estimator chose or reached; plain numbers, texts and lists.
     """
 
     values: FloatArray
@@ -72,19 +71,19 @@ class RegressionFit(FrozenArrays):
 
 
 def iterate_weights(
-    condensed: Condensed, solve: Callable[[FloatArray], tuple[FloatArray, FloatArray]], freedom: str
+    condensed: Condensed, solve: Callable[[FloatArray], tuple[Any, ...]], freedom: str
 ) -> FloatArray:
     """Return the inverse scatter (g,) of every group's residuals in the fit that has these weights.
 
-    `solve` leads from weights (g,) to parameters (p,) and the leverage (g,) of the groups. In the first fit
-    a quiet joint has the errors that the noise of loud ones makes, and its weight is too small.
+    `solve` leads from weights (g,) to parameters (p,), leverage (g,) of the groups, and more. In the first
+    fit a quiet joint has the errors that the noise of loud ones makes, and its weight is too small.
     """
     counts = condensed.counts
     # A joint that is explained to the last bit must not outweigh all others by 1e16.
     floor = numerics.RANK * np.linalg.norm(condensed.factors[:, :, -1]) / np.sqrt(counts.sum())
     weights = np.ones(len(counts))
     for _ in range(numerics.ROUNDS):
-        values, leverage = solve(weights)
+        values, leverage, *_ = solve(weights)
         spent, _ = regression.count_freedom(freedom, leverage, condensed.independent)
         scatter = _compute_scatter(regression.compute_square_sums(condensed, values), counts, spent)
         before, weights = weights, 1.0 / np.maximum(scatter, floor)
@@ -101,21 +100,17 @@ def _compute_scatter(
     return np.asarray(np.sqrt(squares / spare))
 
 
-def _weigh_condensed(condensed: Condensed, basis: FloatArray, freedom: str) -> FloatArray:
-    solve = partial(regression.solve_condensed, condensed, basis)
-    return iterate_weights(condensed, lambda weights: solve(weights)[:2], freedom)
-
-
 def fit_condensed(
     condensed: Condensed, basis: FloatArray, weights: FloatArray | None = None, freedom: str = "band"
 ) -> RegressionFit:
     """Return the fit of condensed rows in the observable directions `basis` (p, r), without residuals.
 
-    `weights` (g,) are those of the groups' residuals, None for the inverse of their scatter; `freedom` says
-    how the variance of the noise is estimated, see `Processing.noise_freedom`.
+    `weights` (g,) are those of the groups' residuals, None for the inverse of their scatter; `freedom` as in
+    `Processing.noise_freedom`.
     """
-    weights = _weigh_condensed(condensed, basis, freedom) if weights is None else weights
-    found = regression.solve_condensed(condensed, basis, weights)
+    solve = partial(regression.solve_condensed, condensed, basis)
+    weights = iterate_weights(condensed, solve, freedom) if weights is None else weights
+    found = solve(weights)
     spent, independent = regression.count_freedom(freedom, found.leverage, condensed.independent)
     square = float(regression.compute_square_sums(condensed, found.values) @ weights**2)
     variance = square / (independent * float(condensed.counts.sum() - spent.sum()))
@@ -136,10 +131,7 @@ def _compute_group_scatter(rows: Rows, residuals: FloatArray, spent: FloatArray 
 
 
 def compute_residuals(rows: Rows, residuals: FloatArray, spent: FloatArray | float) -> tuple[Residual, ...]:
-    """Return norm, relative norm and scatter of residuals (m,) for every group that has rows.
-
-    `spent` (g,) are the rows of each group that the fit takes, see `RegressionFit`.
-    """
+    """Return norm, relative norm and scatter of residuals (m,) for every group with rows; `spent` (g,)."""
     scatter = _compute_group_scatter(rows, residuals, spent).tolist()
     masks = [rows.group == index for index in range(len(scatter))]
     parts = zip(rows.group_names, rows.group_units, masks, scatter, strict=True)
@@ -162,7 +154,7 @@ def fit_wls(rows: Rows, identifiability: Identifiability, freedom: str = "band")
 
 def estimate_group_weights(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> FloatArray:
     """Return the weights (g,) of `fit_wls`, the inverse scatter of every group's residuals."""
-    return _weigh_condensed(regression.condense_rows(rows), identifiability.basis, freedom)
+    return fit_condensed(regression.condense_rows(rows), identifiability.basis, None, freedom).weights
 
 
 def fit_weighted(
@@ -257,10 +249,6 @@ def estimate_period_noise(
     """Return the covariance (n, n) of the torque's noise, N m or N each, from what differs between periods.
 
     `periods` are in s, one for all recordings or one for each; the cut ends of `processing` are left out.
-
-    Raises:
-        UsageError: a log holds less than two periods, the number of periods does not fit that of the logs, or
-            the torque does not repeat.
     """
     each = list(periods) * len(recordings) if len(periods) == 1 else list(periods)
     if len(each) != len(recordings):
@@ -317,12 +305,11 @@ class Influence:
 
 
 def measure_influence(rows: Rows, basis: FloatArray, weights: FloatArray, residuals: FloatArray) -> Influence:
-    """Return how rows act on a least-squares fit in the directions `basis` (p, r).
-
-    `weights` (m,) are what the rows were multiplied by, `residuals` (m,) y - A x.
-    """
+    """Return how rows act on a least-squares fit in directions `basis` (p, r); weights, residuals (m,)."""
     scores = (rows.matrix @ basis) * weights[:, None]
-    root = regression.compute_inverse_root(scores)
+    # Its square is the inverse of the normal equations.
+    _, singular, directions = np.linalg.svd(compute_triangle(scores), full_matrices=False)
+    root = np.asarray(directions.T / singular)
     frame, left = scores @ root, basis @ root @ root.T
     return Influence(left=left, scores=scores, frame=frame, residuals=residuals * weights)
 

@@ -66,9 +66,6 @@ def build_prior_of_card(card: ModelCard, fraction: float) -> Prior:
 
     The size of a value that is smaller than a tenth of the root mean square of those in its unit is that
     tenth: a first moment that a drawing has at zero is not known exactly.
-
-    Raises:
-        UsageError: the robot file states none.
     """
     stated = [entry for entry in (*card.beta, *card.friction) if entry.value is not None]
     if not stated:
@@ -308,11 +305,6 @@ def fit_rows(
     freedom: str = "band",
     options: EstimatorOptions | None = None,
 ) -> RegressionFit:
-    """Return the fit of one of `ESTIMATORS`; other arguments as for `fit_ols`.
-
-    Raises:
-        UsageError: it does not fit the rows, or lacks an option.
-        SolverError: it found no optimum.
-    """
+    """Return the fit of one of `ESTIMATORS`; other arguments as for `fit_ols`."""
     own = {name: getattr(options or EstimatorOptions(), name) for name in _OWN.get(estimator, ())}
     return ESTIMATORS[estimator](rows, identifiability, freedom, **own)

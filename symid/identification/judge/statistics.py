@@ -56,22 +56,11 @@ def compare(before: FloatArray, after: FloatArray) -> Gain:
     whole = np.concatenate([table, table.sum(axis=2, keepdims=True)], axis=2)
     floor = POLICY.relevance * whole.mean(axis=(0, 1))
     there = whole.max(axis=0) > 0.0
-    logs = np.log(
-        (whole[0] + floor) / np.where(whole[1] + floor > 0.0, whole[1] + floor, 1.0),
-        where=there,
-        out=np.zeros(there.shape),
-    )
-    totals = whole.sum(axis=1)
-    falls, chances = np.ones(totals.shape[1]), np.ones(totals.shape[1])
-    for place in range(totals.shape[1]):
-        falls[place] = (
-            totals[0, place] / totals[1, place]
-            if totals[1, place] > 0.0
-            else np.inf
-            if totals[0, place] > 0.0
-            else 1.0
-        )
-        chances[place] = compute_chance(logs[there[:, place], place])
+    ratios = (whole[0] + floor) / np.where(there, whole[1] + floor, 1.0)
+    before, after = whole.sum(axis=1)
+    none = np.where(before > 0.0, np.inf, 1.0)
+    falls = np.divide(before, after, out=none, where=after > 0.0)
+    chances = np.array([compute_chance(np.log(ratios[there[:, k], k])) for k in range(len(falls))])
     return Gain(fall=falls[:-1], p=chances[:-1], fall_of_all=float(falls[-1]), p_of_all=float(chances[-1]))
 
 
@@ -185,15 +174,11 @@ def agree(
         grams: (n, p, p) products of the columns of each joint within the scoring band.
         sizes: (n,) squares of each joint's torque there; 0 for a joint at rest, which differs by nothing.
     """
-    return [
-        _measure(
-            float(size),
-            difference @ gram @ difference,
-            changes @ gram @ changes.T,
-            changes @ (gram @ difference),
-        )
-        for gram, size in zip(grams, sizes, strict=True)
-    ]
+    found = []
+    for gram, size in zip(grams, sizes, strict=True):
+        products, along = changes @ gram @ changes.T, changes @ (gram @ difference)
+        found.append(_measure(float(size), difference @ gram @ difference, products, along))
+    return found
 
 
 def agree_in_value(difference: float, changes: FloatArray, size: float) -> Difference:

@@ -24,7 +24,7 @@ Not supported: logs of different sample rates; rows of windows; weights of recor
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -158,8 +158,7 @@ def mask_trembling(recordings: Sequence[Recording], units: Sequence[str]) -> NDA
 
     What holds such a joint may be a brake or a lock, so that it rests.
     """
-    lowest = np.min([entry.position.min(axis=0) for entry in recordings], axis=0)
-    spread: FloatArray = np.max([entry.position.max(axis=0) for entry in recordings], axis=0) - lowest
+    spread = np.ptp(np.vstack([entry.position for entry in recordings]), axis=0)
     turning = np.array([unit == "rad" for unit in units])
     widest = spread[turning].max(initial=0.0)
     return np.asarray(turning & (spread < POLICY.relevance * min(1.0, float(widest))))
@@ -273,9 +272,8 @@ class BlockFit(FrozenArrays):
 class ThinMotion:
     """Samples of all logs within the scoring band, one after the other, four times its rate.
 
-    Args:
-        q, dq, ddq, tau: (t, n); kept: (t, n) whether a joint's row counts.
-        block: (t,) number of its block; run: (t,) of its log; period: s, between samples of a log.
+    q, dq, ddq, tau (t, n); `kept` (t, n) whether a joint's row counts; `block` (t,) number of its block;
+    `run` (t,) of its log; `period` s, between samples of a log.
     """
 
     q: FloatArray
@@ -290,11 +288,10 @@ class ThinMotion:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Piece:
-    """Rows of a piece of a log: of each level [A y] (t, n, p + 1) at one place in some.
+    """Rows of a piece of a log: of each level [A y] (t, n, p + 1), one in `strides` of T places.
 
-    `slow`: states (T, n) of each level, of which instruments are made; `strides` of the levels' rows;
-    `states` (3, T, n) q, dq and ddq within the scoring band, `tau` (T, n); `wrong` (T, n) rows in which bad
-    samples are noticed; `out` (n,) joints that are left out; `resting` (n,).
+    `slow`: states (T, n) of each level, of which instruments are made; `states` (3, T, n) and `tau` (T, n) of
+    the scoring band; `wrong` (T, n) rows in which bad samples are noticed; `out` (n,) joints left out.
     """
 
     run: int
@@ -312,11 +309,9 @@ class _Piece:
 class BandSums:
     """Sums of products of rows: of each joint, its live columns and the torque last.
 
-    Args:
-        products: (b, c, l, l) of Z'[Y y] of each joint, from a class of speed c upwards.
-        squares: (b, c, l, l) of [Y y]'[Y y], the same where there are no instruments.
-        counts: (n, b, c) rows; worth: of a row, as an independent one.
-        live: of each joint the places of its columns among `width` parameters.
+    `products` (b, c, l, l) are of Z'[Y y] of each joint, from a class of speed c upwards; `squares` of [Y
+    y]'[Y y], the same where there are no instruments. `counts` (n, b, c) rows, `worth` of a row, as an
+    independent one; `live` of each joint the places of its columns among `width` parameters.
     """
 
     products: tuple[FloatArray, ...]
@@ -333,6 +328,13 @@ class BandSums:
             columns = np.append(live, self.width)
             found[..., columns[:, None], columns] += weight * table
         return found
+
+    def join_squares(
+        self, classes: Sequence[int], weights: FloatArray, blocks: slice | NDArray[np.bool_] = slice(None)
+    ) -> FloatArray:
+        """Return the weighted sum (p + 1, p + 1) of the squares of blocks, from classes (n,) of speed on."""
+        pairs = zip(self.squares, classes, strict=True)
+        return self.join([table[blocks, share].sum(axis=0) for table, share in pairs], weights)
 
 
 def add_products(into: FloatArray, left: FloatArray, right: FloatArray, cell: NDArray[np.intp]) -> FloatArray:
@@ -382,27 +384,25 @@ def fit_sums(
     kept = np.ones(len(fold), dtype=np.bool_) if chosen is None else chosen
     pairs = list(enumerate(classes))
     parts = [sums.products[joint][:, share] * kept[:, None, None] for joint, share in pairs]
-    own = [np.tensordot(kept, sums.squares[joint][:, share], 1) for joint, share in pairs]
     wholes = [part.sum(axis=0) for part in parts]
-    rows = sums.worth * np.array([kept @ sums.counts[joint, :, share] for joint, share in pairs])
-    size = np.array([table[-1, -1] for table in own])
-    given = weights is not None
-    weights = (
-        np.where(size > 0.0, rows / np.where(size > 0.0, size, 1.0), 0.0) if weights is None else weights
-    )
-    for _ in range(0 if given else numerics.ROUNDS):
-        whole = sums.join(wholes, weights)
-        scaled, scales = scale_products(whole[:-1, :-1])
-        inverse = np.linalg.inv(scaled) * scales[:, None] * scales
-        values, before = inverse @ whole[:-1, -1], weights.copy()
-        for joint, live in enumerate(sums.live):
-            error = np.append(values[live], -1.0)
-            left = max(float(error @ own[joint] @ error), numerics.EXACT * float(size.max()))
-            leverage = np.sum(inverse[np.ix_(live, live)] * wholes[joint][:-1, :-1].T)
-            spare = max(rows[joint] - weights[joint] * float(leverage), numerics.EXACT * rows[joint])
-            weights[joint] = spare / left if left > 0.0 else 0.0
-        if np.all(np.abs(weights - before) <= _CONVERGED * weights):
-            break
+    if weights is None:
+        own = [np.tensordot(kept, sums.squares[joint][:, share], 1) for joint, share in pairs]
+        rows = sums.worth * (sums.counts[np.arange(len(own)), :, classes] @ kept)
+        size = np.array([table[-1, -1] for table in own])
+        weights = np.divide(rows, size, out=np.zeros_like(rows), where=size > 0.0)
+        for _ in range(numerics.ROUNDS):
+            whole = sums.join(wholes, weights)
+            scaled, scales = scale_products(whole[:-1, :-1])
+            inverse = np.linalg.inv(scaled) * scales[:, None] * scales
+            values, before = inverse @ whole[:-1, -1], weights.copy()
+            for joint, live in enumerate(sums.live):
+                error = np.append(values[live], -1.0)
+                left = max(float(error @ own[joint] @ error), numerics.EXACT * float(size.max()))
+                leverage = np.sum(inverse[np.ix_(live, live)] * wholes[joint][:-1, :-1].T)
+                spare = max(rows[joint] - weights[joint] * float(leverage), numerics.EXACT * rows[joint])
+                weights[joint] = spare / left if left > 0.0 else 0.0
+            if np.all(np.abs(weights - before) <= _CONVERGED * weights):
+                break
     whole, tables = sums.join(wholes, weights), sums.join(parts, weights)
     values = solve_products(whole)
     folds = [whole - tables[fold == place].sum(axis=0) for place in range(int(fold.max()) + 1)]
@@ -436,7 +436,7 @@ class CondensedLogs:
         torque: (n,) squares within the scoring band, 0 where a joint rests or has no torque.
         log: (b,) number of the log of every block; fold: (b,) of its fold.
         scores: sums of the band below the scoring band, and of that one, where losses are measured.
-        motion: thinned; repeats: s, the period of a motion that repeats, 0 for one that does not.
+        repeats: s, the period of a motion that repeats, 0 for one that does not.
     """
 
     def __init__(
@@ -454,33 +454,26 @@ class CondensedLogs:
             _build_piece(library, run, recording, processing, bands, cutoff)
             for run, recording in pick_pieces(recordings)
         ]
+        joints, speeds = library.card.joints, [np.abs(piece.states[1]) for piece in self._pieces]
         if "standstill" in processing.left_open:
-            speeds = [np.quantile(np.abs(entry.states[1]), 0.99, axis=0) for entry in self._pieces]
-            self.limits: FloatArray = np.max(speeds, axis=0)[:, None] * SHARES
+            fast: FloatArray = np.max([np.quantile(speed, 0.99, axis=0) for speed in speeds], axis=0)
+            self.limits = fast[:, None] * SHARES
         else:
-            stated = [processing.get_standstill(joint) for joint in range(library.card.size)]
+            stated = list(map(processing.get_standstill, range(len(joints))))
             self.limits = np.column_stack([np.zeros(len(stated)), stated])
-        top = np.max([np.abs(entry.states[1]).max(axis=0) for entry in self._pieces], axis=0)
-        top[mask_trembling(recordings, [joint.position_unit for joint in library.card.joints])] = np.inf
+        top = np.max([speed.max(axis=0) for speed in speeds], axis=0)
+        top[mask_trembling(recordings, [joint.position_unit for joint in joints])] = np.inf
         length = max(2, round(1.0 / (self.bands[SCORING] * self.period)))
-        friction = [joint.friction != "none" for joint in library.card.joints]
         # (T, n) rows at rest of joints with friction, and wrong ones: they count for nothing.
-        self._rest = [
-            np.column_stack(
-                [
-                    mask_rest(piece.states[1][:, k], float(top[k]), length) & dry
-                    for k, dry in enumerate(friction)
-                ]
-            )
-            | piece.wrong
-            for piece in self._pieces
-        ]
+        self._rest = [piece.wrong.copy() for piece in self._pieces]
+        for speed, rest in zip(speeds, self._rest, strict=True):
+            for k, joint in enumerate(joints):
+                if joint.friction != "none":
+                    rest[:, k] |= mask_rest(speed[:, k], float(top[k]), length)
         acts = np.any([table.any(axis=0) for piece in self._pieces for table in piece.matrices], axis=0)
         self._live = tuple(np.flatnonzero(row[:-1]) for row in acts)
         self.repeats = measure_repetition(recordings[0], bands[SCORING]) if len(recordings) == 1 else 0.0
-        log: list[int] = []
-        fold: list[int] = []
-        self._blocks: list[NDArray[np.intp]] = []
+        log, fold, self._blocks = list[int](), list[int](), list[NDArray[np.intp]]()
         runs = [piece.run for piece in self._pieces]
         each = max(2, math.ceil(POLICY.folds / (runs[-1] + 1)))
         for piece in self._pieces:
@@ -511,10 +504,9 @@ class CondensedLogs:
             states = (*piece.states[:, ::stride], piece.tau[::stride])
             kept = (np.abs(states[1]) >= self.limits[:, -1]) & ~piece.out & ~rest[::stride]
             parts.append((*states, kept, block[::stride], np.full(len(kept), piece.run)))
-        q, dq, ddq, tau, kept, block, run = map(np.concatenate, zip(*parts, strict=True))
-        return ThinMotion(
-            q=q, dq=dq, ddq=ddq, tau=tau, kept=kept, block=block, run=run, period=self.period * stride
-        )
+        whole = map(np.concatenate, zip(*parts, strict=True))
+        names = ("q", "dq", "ddq", "tau", "kept", "block", "run")
+        return ThinMotion(**dict(zip(names, whole, strict=True)), period=self.period * stride)
 
     @property
     def columns(self) -> FloatArray:
@@ -553,9 +545,9 @@ class CondensedLogs:
     def _cross(
         self, level: int, lefts: Sequence[FloatArray] = ()
     ) -> tuple[tuple[FloatArray, ...], FloatArray]:
-        """Return the products (b, c, l, l) of a level's rows with columns (T, n, p), and the rows' counts.
+        """Return the products (b, c, l, l) of a level's rows with columns (T, n, p) of each piece; counts.
 
-        There is an array of columns for each piece; without any the rows stand on both sides.
+        Without columns the rows stand on both sides.
         """
         blocks, classes = len(self.log), self.limits.shape[1]
         products: list[FloatArray] = []
@@ -579,16 +571,6 @@ class CondensedLogs:
             products.append(np.cumsum(whole, axis=1)[:, ::-1])
         return tuple(products), np.cumsum(counts[..., ::-1], axis=2)[..., ::-1]
 
-    def fit(
-        self,
-        sums: BandSums,
-        classes: Sequence[int],
-        blocks: NDArray[np.bool_] | None = None,
-        weights: FloatArray | None = None,
-    ) -> BlockFit:
-        """Return the fit to rows from a class (n,) of speed on, of some `blocks` (b,) if given."""
-        return fit_sums(sums, classes, self.fold, blocks, weights)
-
     def measure_losses(self, fit: BlockFit, share: int = 0) -> FloatArray:
         """Return squares (b, n) that folds leave of what they leave out, relative to the torque, both bands.
 
@@ -608,11 +590,10 @@ class CondensedLogs:
         speed = speed - speed.mean(axis=0)
         lengths = np.linalg.norm(speed, axis=0)
         turning = np.flatnonzero((self.torque > 0.0) & (lengths > 0.0)).tolist()
-        pairs = [(j, k) for place, j in enumerate(turning) for k in turning[place + 1 :]]
         # Apart by less than rounding of the positions.
         return [
             (j, k)
-            for j, k in pairs
+            for j, k in combinations(turning, 2)
             if 1.0 - abs(float(speed[:, j] @ speed[:, k]) / (lengths[j] * lengths[k])) < numerics.CONVERGED
         ]
 
@@ -626,13 +607,6 @@ class CondensedLogs:
 
 _CONVERGED = 1e-3
 """Relative change of weights at which they are settled."""
-
-
-def _choose_stride(band: float, period: float) -> int:
-    """Return one in how many rows is kept of rows within `band` Hz that are `period` s apart."""
-    return max(1, math.floor(1.0 / (_KEPT * band * period)))
-
-
 _KEPT = 4.0
 """Times the band: rate of the rows that are kept."""
 
@@ -645,7 +619,6 @@ def _build_piece(  # noqa: PLR0917 - a log and how its rows are made
     bands: Sequence[float],
     cutoff: float | None,
 ) -> _Piece:
-    """Return the rows of a piece of a log within all bands."""
     rate, settings = 1.0 / recording.period, replace(processing, automatic=False)
     # Where filters extrapolate: of the positions at any end, of the scoring band where joints move there.
     spoilt = count_spoilt(cutoff, recording.period)
@@ -663,7 +636,8 @@ def _build_piece(  # noqa: PLR0917 - a log and how its rows are made
         states = signals.pick_states(slice(part.start * thin, part.stop * thin, thin))
         return evaluate_columns(library, *states).reshape(part.stop - part.start, -1)
 
-    edges, strides = np.array(bands) / rate, [_choose_stride(band, step / rate) for band in bands]
+    edges = np.array(bands) / rate
+    strides = [max(1, math.floor(1.0 / (_KEPT * band * (step / rate)))) for band in bands]
     kept = [places[::stride] // step for stride in strides]
     count = -(-samples // thin)
     matrices = _filter_bands(evaluate, count, (edges * thin).tolist(), step // thin, kept)
@@ -678,13 +652,13 @@ def _build_piece(  # noqa: PLR0917 - a log and how its rows are made
             states = np.stack(slow[-1][:3])
         values = torques[level][:: strides[level], :, None]
         matrices[level] = np.concatenate([matrices[level].reshape(*values.shape[:2], -1), values], axis=2)
-    friction = np.array([joint.friction != "none" for joint in library.card.joints])
     wrong = np.zeros(torques[SCORING].shape, dtype=np.bool_)
     if recording.bad is not None:
         # Within the scoring band, which decides.
         touched = mask_filtered(recording.bad, 0.5 / (bands[SCORING] * recording.period))
         wrong = touched[drop[0] :][places]
-    resting = np.isin(np.arange(len(friction)), list_resting_joints(recording))
+    resting = np.isin(np.arange(library.card.size), list_resting_joints(recording))
+    friction = np.array([joint.friction != "none" for joint in library.card.joints])
     return _Piece(
         run=run,
         matrices=tuple(matrices),

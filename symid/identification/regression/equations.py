@@ -508,11 +508,6 @@ def stack_rows(parts: Sequence[Rows], weights: Sequence[float] | None = None) ->
     return whole if len(parts) == 1 else select_rows(whole, np.argsort(whole.group, kind="stable"))
 
 
-def drop_groups(rows: Rows, groups: Sequence[int]) -> Rows:
-    """Return the equations without those of the given groups."""
-    return select_rows(rows, ~np.isin(rows.group, list(groups)))
-
-
 def select_rows(rows: Rows, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Rows:
     """Return the equations for which `keep` (m,) holds, or those at its places."""
     chosen: dict[str, Any] = {name: getattr(rows, name)[keep] for name in _ARRAYS}

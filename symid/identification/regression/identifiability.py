@@ -36,10 +36,9 @@ _KNOWN: WeakKeyDictionary[Rows, "Condensed"] = WeakKeyDictionary()
 class Condensed:
     """The triangles of groups of rows.
 
-    Args:
-        factors: (g, p + 1, p + 1) upper triangles F of [A y], rows scaled by the root of their weight.
-        counts: (g,) rows of each group.
-        independent: rows of independent noise that the rows are worth, as a fraction of them.
+    `factors` (g, p + 1, p + 1) are the upper triangles F of [A y], rows scaled by the root of their weight;
+    `counts` (g,) rows of each group; `independent` rows of independent noise that they are worth, as a
+    fraction.
     """
 
     factors: FloatArray
@@ -50,8 +49,8 @@ class Condensed:
 class CondensedSolution(NamedTuple):
     """The least-squares solution (p,); the covariance is the variance of the noise times root root'.
 
-    `leverage` (g,) is how many parameters the rows of each group determine: the trace of its part of the
-    projection on the columns. `condition` is that of the column-scaled matrix.
+    `leverage` (g,) is how many parameters the rows of each group determine; `condition` that of the
+    column-scaled matrix.
     """
 
     values: FloatArray
@@ -150,12 +149,6 @@ JOINT_AT_REST = "identify.joint-at-rest"
 """Code of the notice that the rows of a joint were left out because it does not move."""
 
 
-def compute_inverse_root(design: FloatArray) -> FloatArray:
-    """Return V S^-1 of the singular value decomposition of F (m, r), so that its square is (F'F)^-1."""
-    _, singular, directions = np.linalg.svd(compute_triangle(design), full_matrices=False)
-    return np.asarray(directions.T / singular)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RankRule:
     """Limits below which something counts as zero.
@@ -175,11 +168,10 @@ class RankRule:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ScaledSpectrum:
-    """Singular values of a matrix with columns of length one, in falling order.
+    """Singular values (p,) of a matrix with columns of length one, in falling order.
 
-    Args:
-        lengths: (p,) of the columns; scales: (p,) their inverses, 1 for a column of zeros.
-        singular: (p,); directions: (p, p), row k belongs to singular value k.
+    `lengths` (p,) of the columns; `scales` (p,) their inverses, 1 for a column of zeros; row k of
+    `directions` (p, p) belongs to singular value k.
     """
 
     lengths: FloatArray
@@ -209,12 +201,9 @@ class ScaledSpectrum:
 class Identifiability:
     """Which parameters can be identified from rows.
 
-    Args:
-        basis: (p, r) identifiable directions, of which the fit is a combination; the row of a parameter
-            without any effect is zero.
-        identifiable: (p,) whether a parameter is.
-        refused: (name, reason) of the others; notices: one for each of them.
-        condition: of the column-scaled matrix, over the identifiable directions.
+    `basis` (p, r) identifiable directions, of which the fit is a combination; the row of a parameter without
+    any effect is zero. `identifiable` (p,) whether a parameter is; `refused` (name, reason) of the others,
+    with a notice each; `condition` of the column-scaled matrix, over the identifiable directions.
     """
 
     basis: FloatArray
@@ -227,8 +216,7 @@ class Identifiability:
 def compute_spectrum(matrix: FloatArray, zero: float = numerics.RANK) -> ScaledSpectrum:
     """Return the singular values of `matrix` (m, p) after scaling its columns to length one.
 
-    Columns shorter than `zero` times the longest one count as zero. By QR first, so that the
-    cost of the singular value decomposition does not depend on m.
+    Columns shorter than `zero` times the longest one count as zero.
     """
     lengths = np.linalg.norm(matrix, axis=0)
     alive = lengths > zero * max(lengths.max(initial=0.0), np.finfo(float).tiny)

@@ -32,7 +32,6 @@ power and energy rows, whose covariance needs every row.
 import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -90,10 +89,7 @@ class FilterChoice(NamedTuple):
 
 
 def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> FilterChoice:
-    """Return the processing with cut-off and decimation chosen, where it is `automatic`.
-
-    A LogError where there is something to choose, and the recordings are not sampled alike.
-    """
+    """Return the processing with cut-off and decimation chosen, where it is `automatic`."""
     usual = logs.choose_processing(processing, recordings[0].period)
     if usual == processing:
         return FilterChoice(processing=processing)
@@ -139,8 +135,8 @@ def count_spoilt(cutoff: float | None, period: float) -> int:
 def measure_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> tuple[int, int]:
     """Return how many samples are wrong at start and end of the logs, 0 where all of them rest there.
 
-    A filter extrapolates there, for as many periods of its cut-off in Hz as depend on each other;
-    `processing` is the one used. The speed at an end is the mean over one period.
+    A filter extrapolates there, for as many periods of its cut-off as depend on each other. The speed at an
+    end is the mean over one period.
     """
     cutoff, found = processing.filter_cutoff, [0, 0]
     for recording in recordings if cutoff is not None else ():
@@ -322,9 +318,8 @@ def prepare_rows(
 ) -> equations.Rows:
     """Return the equations of one recording: filter, differentiate, settle resting joints, build.
 
-    What the processing leaves open is chosen from this recording; `windows` and other arguments are those of
-    `build_rows`. With `every` the rows of slow joints and of joints at rest stay. A LogError tells that the
-    recording has another number of joints than the robot, an IdentifiabilityError that no joint moves.
+    What the processing leaves open is chosen from this recording; with `every` the rows of slow joints and of
+    joints at rest stay. Other arguments are those of `build_rows`.
     """
     processing = choose_filters(processing, [recording]).processing if processing.automatic else processing
     signals = prepare_states(library, recording, processing)
@@ -335,7 +330,8 @@ def prepare_rows(
 def prepare_states(library: Library, recording: Recording, processing: Processing) -> Signals:
     """Return filtered states of one recording, joints at rest exactly so, and torques without known payloads.
 
-    `processing` leaves nothing open. Errors as for `prepare_rows`.
+    `processing` leaves nothing open. A LogError tells that the recording has another number of joints than
+    the robot, an IdentifiabilityError that no joint moves.
     """
     check_joints(library, (recording,))
     resting = list_resting_joints(recording)
@@ -361,12 +357,12 @@ def outline_motion(
     """Return states q, dq, ddq (`STATES`, 3 n) evenly spread over the recordings, with six digits."""
     used = choose_filters(processing, recordings).processing
     signals = [prepare_states(library, entry, used) for entry in recordings]
-    ends = np.cumsum([0, *(len(entry.q) for entry in signals)])
-    places = np.linspace(0, ends[-1] - 1, min(STATES, int(ends[-1]))).round().astype(int)
-    own = [places[(places >= low) & (places < high)] - low for low, high in pairwise(ends.tolist())]
-    parts = [entry.pick_states(chosen)[:3] for entry, chosen in zip(signals, own, strict=True)]
-    chosen = np.vstack([np.hstack(part) for part in parts])
-    return tuple(tuple(float(f"{value:.6g}") for value in row) for row in chosen.tolist())
+    ends, rows = np.cumsum([0, *(len(entry.q) for entry in signals)]), list[tuple[float, ...]]()
+    for place in np.linspace(0, ends[-1] - 1, min(STATES, int(ends[-1]))).round().astype(int):
+        run = int(np.searchsorted(ends, place, side="right")) - 1
+        states = (part[place - ends[run]] for part in (signals[run].q, signals[run].dq, signals[run].ddq))
+        rows.append(tuple(float(f"{value:.6g}") for value in np.concatenate([*states])))
+    return tuple(rows)
 
 
 def mask_fast(
@@ -502,11 +498,9 @@ class RowBuilder(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LongRows:
-    """Equations without their matrix.
+    """Equations without their matrix: in its place the `outline` has the places in time (m, 1).
 
-    Args:
-        outline: in place of the matrix the places in time (m, 1).
-        triangles: (s, p + 1, p + 1) of [A y] of segments, not weighed; starts: (s + 1,) their first rows.
+    `triangles` (s, p + 1, p + 1) are of [A y] of segments, not weighed; `starts` (s + 1,) their first rows.
     """
 
     outline: equations.Rows
@@ -556,10 +550,7 @@ class LongRows:
 def condense_recordings(
     maker: RowBuilder, recordings: Sequence[Recording], weights: Sequence[float] | None
 ) -> LongRows | None:
-    """Return the condensed equations of recordings; None where a joint has too few of them for blocks.
-
-    `weights` as for `stack_rows`; errors as for `prepare_rows`.
-    """
+    """Return the condensed equations of recordings; None where a joint has too few of them for blocks."""
     outline = equations.stack_rows([maker.outline(entry) for entry in recordings], weights)
     # Where segments begin, and the end.
     begins = {len(outline.values)}

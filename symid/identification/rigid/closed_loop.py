@@ -63,13 +63,10 @@ _FORGOTTEN = 10.0
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ClosedLoop(FrozenArrays):
-    """The controller of one recording.
+    """The controller of one recording: its gains and structure, and what it follows.
 
-    Args:
-        controller: gains and structure.
-        reference: (N, n) rad or m, at the times of the recording; velocity: (N, n) rad/s or m/s of it.
-        feedforward: (N, n) N m or N; offset: o (n,) N m or N.
-        limit: (n,) N m or N of the torque, infinite where there is none.
+    `reference` (N, n) rad or m, at the times of the recording, `velocity` (N, n) of it; `feedforward` (N, n)
+    and `offset` o (n,) N m or N; `limit` (n,) of the torque, infinite where there is none.
     """
 
     controller: Controller
@@ -125,10 +122,8 @@ def list_unusable(recording: Recording, controller: Controller | None = None) ->
         values: FloatArray | None = getattr(recording, name)
         if values is not None and not np.all(np.isfinite(values)):
             first = int(np.argwhere(~np.isfinite(values))[0, 0])
-            texts.append(
-                f"{name} has values that are not finite, the first at sample {first} (counted from 0): cut "
-                "or repair the log there"
-            )
+            where = f"the first at sample {first} (counted from 0): cut or repair the log there"
+            texts.append(f"{name} has values that are not finite, {where}")
     reference, position = recording.reference, recording.position
     if not texts and reference is not None and reference.shape != position.shape:
         texts.append(f"the reference has shape {reference.shape}, the position {position.shape}")
@@ -243,12 +238,8 @@ _OF_VALUES = ("usage.negative-friction", "simulate.chatter", "simulate.not-conve
 class ClosedLoopProblem:
     """What stays the same from iteration to iteration.
 
-    Args:
-        library: the robot's functions.
-        recordings: at least one; loops: the controller of each.
-        processing: of the rows, with nothing left open.
-        weights: of each recording's squared residuals; one if None.
-        progress: is called with a line about each iteration.
+    `loops` are the controllers of the recordings, `weights` of each one's squared residuals, one if None;
+    `processing` of the rows has nothing left open; `progress` is called with a line about each iteration.
     """
 
     library: Library
@@ -262,15 +253,13 @@ class ClosedLoopProblem:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ClosedLoopFit:
-    """The fit of the last iteration.
+    """The fit of the last iteration; its residuals are measured torques less those of the model.
 
-    Args:
-        fit: its residuals are measured torques less those of the model.
-        rows: the equations with the measured torques; simulated: those along the simulated states.
-        instrumental: the solution by instruments, None of output error.
-        changes: largest change of a parameter in standard deviations, a simulation of all recordings each.
-        tracking: (n,) rad or m, root mean square between simulated and measured positions, low-passed and
-            after the loops settled; lag: (n,) the same between references and measured positions.
+    `rows` with the measured torques, `simulated` those along the simulated states; `instrumental` the
+    solution by instruments, None of output error; `changes` largest change of a parameter in standard
+    deviations, a simulation of all recordings each; `tracking` (n,) rad or m, root mean square between
+    simulated and measured positions, low-passed and after the loops settled; `lag` (n,) the same between
+    references and measured ones.
     """
 
     fit: estimators.RegressionFit
@@ -343,8 +332,7 @@ def _iterate(problem: ClosedLoopProblem, start: Mapping[str, float], solve: Solv
                 raise SolverError(Notice(code="solver.controlled-robot", text=text)) from error
         values = values + share * step
     apart: list[FloatArray] = []
-    for recording, loop, run in zip(problem.recordings, problem.loops, runs, strict=True):
-        kept = _select_compared(problem, recording, loop)
+    for (recording, loop, kept), run in zip(_list_cases(problem), runs, strict=True):
         measured = recording.position[kept]
         pair = np.hstack([run.q[kept] - measured, loop.reference[kept] - measured])
         apart.append(logs.decimate(pair, problem.processing.decimation))
@@ -352,11 +340,14 @@ def _iterate(problem: ClosedLoopProblem, start: Mapping[str, float], solve: Solv
     return replace(found, changes=tuple(changes), tracking=tracking, lag=lag)
 
 
-def _select_compared(problem: ClosedLoopProblem, recording: Recording, loop: ClosedLoop) -> slice:
-    """Return the samples that are compared, after the initial state of the simulation has no effect."""
-    settled = math.ceil(compute_settling(loop.controller) / recording.period)
-    first = max(problem.processing.drop_first, settled)
-    return slice(first, len(recording.time) - problem.processing.drop_last)
+def _list_cases(problem: ClosedLoopProblem) -> list[tuple[Recording, ClosedLoop, slice]]:
+    """Return recordings, loops, and the samples on which the initial state of a simulation has no effect."""
+    found = []
+    for recording, loop in zip(problem.recordings, problem.loops, strict=True):
+        settled = math.ceil(compute_settling(loop.controller) / recording.period)
+        first = max(problem.processing.drop_first, settled)
+        found.append((recording, loop, slice(first, len(recording.time) - problem.processing.drop_last)))
+    return found
 
 
 def _simulate(problem: ClosedLoopProblem, values: FloatArray) -> list[Signals]:
@@ -374,8 +365,7 @@ def fit_output_error(problem: ClosedLoopProblem, start: Mapping[str, float]) -> 
 
     def solve(values: FloatArray, runs: Sequence[Signals]) -> ClosedLoopFit:
         pairs: list[tuple[regression.Rows, regression.Rows]] = []
-        for recording, loop, run in zip(problem.recordings, problem.loops, runs, strict=True):
-            kept = _select_compared(problem, recording, loop)
+        for (recording, _, kept), run in zip(_list_cases(problem), runs, strict=True):
             columns = {name: getattr(run, name)[kept] for name in ("time", "q", "dq", "ddq")}
             bad = None if recording.bad is None else recording.bad[kept]
             signals = Signals(**columns, tau=recording.torque[kept], period=run.period, bad=bad)
@@ -386,9 +376,9 @@ def fit_output_error(problem: ClosedLoopProblem, start: Mapping[str, float]) -> 
             good = ~logs.mask_decimated(wrong, processing.decimation)
             # A brake may hold a joint at rest: its torque contains no information.
             joints = library.card.joints
-            held = tuple(j for j in regression.list_resting_joints(recording) if joints[j].friction != "none")
-            away = replace(built, values=built.values + excess.T[good.T])
-            pairs.append((regression.drop_groups(built, held), regression.drop_groups(away, held)))
+            held = [j for j in regression.list_resting_joints(recording) if joints[j].friction != "none"]
+            away, free = replace(built, values=built.values + excess.T[good.T]), ~np.isin(built.group, held)
+            pairs.append((regression.select_rows(built, free), regression.select_rows(away, free)))
         # With the measured torques, and with tau - tau_s + W x in their place.
         rows, shifted = (regression.stack_rows(parts, problem.weights) for parts in zip(*pairs, strict=True))
         try:
@@ -449,17 +439,11 @@ def estimate_start(problem: ClosedLoopProblem) -> dict[str, float] | None:
     return {name: values[k] for k, name in enumerate(measured[0].names) if learnable[k]}
 
 
-def _list_settings(problem: ClosedLoopProblem) -> list[tuple[Recording, Processing]]:
-    """Return each recording, processed from where the initial state of the simulation has no effect."""
-    return [
-        (recording, replace(problem.processing, drop_first=_select_compared(problem, recording, loop).start))
-        for recording, loop in zip(problem.recordings, problem.loops, strict=True)
-    ]
-
-
 def _build_measured(problem: ClosedLoopProblem) -> list[regression.Rows]:
-    """Return the rows of each recording."""
-    return [regression.prepare_rows("torque", problem.library, *pair) for pair in _list_settings(problem)]
+    cases = [
+        (log, replace(problem.processing, drop_first=kept.start)) for log, _, kept in _list_cases(problem)
+    ]
+    return [regression.prepare_rows("torque", problem.library, *case) for case in cases]
 
 
 def _build_beside(
@@ -467,8 +451,8 @@ def _build_beside(
 ) -> regression.Rows:
     """Return the rows along other positions (N, n) of each recording, beside the measured ones."""
     parts = []
-    pairs = _list_settings(problem)
-    for (recording, processing), position, rows in zip(pairs, positions, measured, strict=True):
+    for (recording, _, span), position, rows in zip(_list_cases(problem), positions, measured, strict=True):
+        processing = replace(problem.processing, drop_first=span.start)
         signals = logs.prepare_signals(replace(recording, position=position), processing)
         signals = regression.hold_resting_joints(signals, regression.list_resting_joints(recording))
         whole = regression.build_rows("torque", problem.library, signals, processing)
@@ -495,11 +479,8 @@ def identify_closed_loop(
 ) -> estimators.Estimate:
     """Return the parameters that an estimator, one of `SIMULATING`, finds with the simulated robot.
 
-    Output error: the simulated torques approach the measured ones; the filter of the processing is not used.
-    Instrumental: the equations of the measured states, with instruments from the simulated robot. `start` is
-    an estimate of the same model to begin with, None for a fit to the same recordings, and `start_name` its
-    name in the result; `progress` is called with a line about each iteration, the others are as for
-    `identify_parameters`.
+    `start` is an estimate of the same model to begin with, None for a fit to the same recordings, and
+    `start_name` its name in the result; the others are as for `identify_parameters`.
     """
     controller = check_closed_loop(robot, recordings)
     limits = np.array([np.inf if axis.limits.torque is None else axis.limits.torque for axis in robot.axes])
@@ -531,6 +512,7 @@ def identify_closed_loop(
     size = np.linalg.norm(np.vstack([logs.decimate(log.torque, thin) for log in recordings]), axis=0)
     share = 100.0 * np.linalg.norm(missing, axis=0) / np.where(size > 0.0, size, 1.0)
     joints = zip(library.card.joints, found.tracking.tolist(), found.lag.tolist(), strict=True)
+    keys = ("joint", "unit", "simulated_from_measured", "reference_from_measured")
     stated = list_controller(controller)
     logged = all(recording.reference_velocity is not None for recording in problem.recordings)
     velocity = "logged" if logged else "differentiated"
@@ -539,13 +521,8 @@ def identify_closed_loop(
         "iterations": len(found.changes),
         "changes": list(found.changes),
         "tracking": [
-            {
-                "joint": joint.name,
-                "unit": joint.position_unit,
-                "simulated_from_measured": apart,
-                "reference_from_measured": lag,
-            }
-            for joint, apart, lag in joints
+            dict(zip(keys, (joint.name, joint.position_unit, *sizes), strict=True))
+            for joint, *sizes in joints
         ],
         **verdict,
         "controller": {

@@ -27,7 +27,7 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.identification import diagnostics, estimators, judge, regression
 from symid.identification.judge import POLICY, Agreement
-from symid.identification.regression import BlockFit, ThinMotion
+from symid.identification.regression import BlockFit, ThinMotion, fit_sums
 from symid.identification.rigid.scale import JointScale, compare_scales
 from symid.identification.rigid.settings_choice import SettingsStudy
 from symid.joint_models import is_braking
@@ -40,13 +40,14 @@ _POSES = 60
 def collect_evidence(
     library: Library,
     study: SettingsStudy,
-    fit: estimators.RegressionFit,
+    values: FloatArray,
+    covariance: FloatArray,
     *,
     whole: bool = True,
     robot: Robot | None = None,
     transmission: FloatArray | None = None,
 ) -> estimators.Evidence:
-    """Return the evidence for a fit; `whole` whether all its parameters are identifiable.
+    """Return the evidence for a fit's values (p,); `whole` whether all of them are identifiable.
 
     Without the `robot` no bodies that exist are tried, nor is gravity as a cause. `transmission` (n, n) as in
     `Recording`.
@@ -56,22 +57,28 @@ def collect_evidence(
     folds = study.fit.folds[logs.fold]
     if logwise:
         runs = np.unique(logs.log).tolist()
-        others = [logs.fit(study.sums, study.classes, logs.log != run, study.fit.weights) for run in runs]
+        others = [study.fit_blocks(logs.log != run) for run in runs]
         folds = np.stack([entry.values for entry in others])[logs.log]
-    motion = logs.motion
-    gravity = None
+    motion, gravity = logs.motion, None
+    followed = diagnostics.FollowedLogs.follow(library, motion, logs.fold)
     # Not where gravity is a part of the fit itself.
     if robot is not None and library.tangents is None:
-        gravity = diagnostics.estimate_gravity(library, motion, robot, logs.fold)
-        differs = gravity.difference.verdict is Agreement.DIFFERENT
-        turned = diagnostics.suspect_gravity(gravity, motion)
-        better = differs and diagnostics.is_confirmed(library, motion, logs.fold, turned)
-        tests += (build_gravity_test(gravity, better=better),)
-    impossible = list_impossible(library, study, motion, fit, whole=whole)
+        found = diagnostics.estimate_gravity(followed, robot)
+        turn, spread = np.degrees(found.turn), np.degrees(found.deviation)
+        test = build_test("gravity", "", f"{turn:.3g} degrees +- {spread:.2g}", found.difference)
+        # Another direction that predicts no better may stand for a zero that is off; one that is not sure, or
+        # too small to matter, for anything that a joint with little torque lacks.
+        if found.difference.verdict is Agreement.DIFFERENT:
+            gravity = diagnostics.suspect_gravity(found, motion)
+            pair = diagnostics.fit_motion(followed.columns, motion, logs.fold), followed.fit(gravity)
+            if not judge.compare(*(one.losses for one in pair)).p_of_all < POLICY.caution:
+                test = replace(test, verdict=Agreement.OPEN.value)
+        tests += (test,)
+    impossible = list_impossible(library, study, values, covariance, motion if whole else None)
     fastest = (np.abs(part).max(axis=0) for part in (motion.dq, motion.ddq))
     ranges = [part.tolist() for part in (motion.q.min(axis=0), motion.q.max(axis=0), *fastest)]
-    found = estimators.Evidence(
-        joints=list_joints(study, fit.values, folds, names),
+    evidence = estimators.Evidence(
+        joints=list_joints(study, values, folds, names),
         scoring=study.choice.scoring,
         stretches=int(logs.fold.max()) + 1,
         logs=int(logs.log.max()) + 1 if logwise else 0,
@@ -82,66 +89,32 @@ def collect_evidence(
         period=logs.repeats,
         covered=tuple(estimators.JointRange(*row) for row in zip(names, *ranges, strict=True)),
     )
-    causes = list_causes(library, study, motion, found, gravity, transmission)
-    scales = compare_fit(library, study, fit)
+    causes: tuple[estimators.Cause, ...] = ()
+    odd = bool(impossible) or evidence.unexplained > 100.0 * POLICY.relevance
+    odd |= any(entry.held_out > POLICY.usable for entry in evidence.joints)
+    odd |= any(entry.verdict == Agreement.DIFFERENT.value for entry in tests)
+    # All is tried where something is odd, or gravity differs.
+    if odd or gravity is not None:
+        every = [] if gravity is None else [gravity]
+        every += diagnostics.suspect_logs(followed)
+        every += diagnostics.list_mistakes(followed, transmission)
+        every += diagnostics.list_terms(followed, study.fit.values)
+        causes = diagnostics.find_causes(followed, every, impossible=bool(impossible))
     # No cause explains another scale: one factor on all torques leaves the residual as it is.
-    off = (build_scale_test(entry) for entry in scales if entry.is_beyond())
-    return replace(found, causes=causes, tests=(*tests, *off))
+    for entry in compare_fit(library, study, values, covariance):
+        if entry.is_beyond():
+            size = abs(entry.ratio - 1.0)
+            differs = judge.Difference(size=size, bound=size, p=0.0)
+            tests += (build_test("scale", entry.joint, f"{entry.ratio:.3g} times", differs),)
+    return replace(evidence, causes=causes, tests=tests)
 
 
 def compare_fit(
-    library: Library, study: SettingsStudy, fit: estimators.RegressionFit
+    library: Library, study: SettingsStudy, values: FloatArray, covariance: FloatArray
 ) -> tuple[JointScale, ...]:
     """Return the scales of a fit's torques against the robot file, in its logs."""
-    count, logs = len(library.card.beta), study.logs
-    covariance = fit.covariance[:count, :count]
-    return compare_scales(library.card, logs.columns[:, :, :count], fit.values[:count], covariance)
-
-
-def build_scale_test(found: JointScale) -> estimators.ConsistencyTest:
-    """Return the test of a joint whose torque has another scale than the robot file's values."""
-    part, size = f"{found.ratio:.3g} times", 100.0 * abs(found.ratio - 1.0)
-    verdict = Agreement.DIFFERENT.value
-    return estimators.ConsistencyTest(
-        what="scale", joint=found.joint, part=part, verdict=verdict, size=size, bound=size, p=0.0
-    )
-
-
-def build_gravity_test(found: diagnostics.GravityEstimate, *, better: bool) -> estimators.ConsistencyTest:
-    """Return what logs say of gravity's direction, against the robot file; sizes in percent of a radian.
-
-    It differs where that also predicts `better`: else what the model lacks may look like it.
-    """
-    turn, deviation = np.degrees(found.turn), np.degrees(found.deviation)
-    test = build_test("gravity", "", f"{turn:.3g} degrees +- {deviation:.2g}", found.difference)
-    open_still = test.verdict == Agreement.DIFFERENT.value and not better
-    return replace(test, verdict=Agreement.OPEN.value) if open_still else test
-
-
-def list_causes(  # noqa: PLR0917 - what was fitted, and what it is judged by
-    library: Library,
-    study: SettingsStudy,
-    motion: ThinMotion,
-    evidence: estimators.Evidence,
-    gravity: diagnostics.GravityEstimate | None,
-    transmission: FloatArray | None,
-) -> tuple[estimators.Cause, ...]:
-    """Return what explains the logs better: all is tried where something is odd, or gravity differs."""
-    odd = bool(evidence.impossible) or evidence.unexplained > 100.0 * POLICY.relevance
-    odd |= any(entry.held_out > POLICY.usable for entry in evidence.joints)
-    odd |= any(entry.verdict == Agreement.DIFFERENT.value for entry in evidence.tests)
-    # Another direction that predicts no better may stand for a zero that is off; one that is not sure, or too
-    # small to matter, for anything that a joint with little torque lacks.
-    differs = gravity is not None and gravity.difference.verdict is Agreement.DIFFERENT
-    if not odd and not differs:
-        return ()
-    turned = [diagnostics.suspect_gravity(gravity, motion)] if gravity is not None and differs else []
-    fold, impossible = study.logs.fold, bool(evidence.impossible)
-    mistakes = diagnostics.list_mistakes(library, motion, fold, transmission)
-    terms = diagnostics.list_terms(library, motion, study.fit.values)
-    apart = diagnostics.suspect_logs(library, motion, study.logs.log)
-    every = [*turned, *apart, *mistakes, *terms]
-    return diagnostics.find_causes(library, motion, fold, every, impossible=impossible)
+    own = slice(len(library.card.beta))
+    return compare_scales(library.card, study.logs.columns[:, :, own], values[own], covariance[own, own])
 
 
 def list_joints(
@@ -206,30 +179,26 @@ def list_tests(
         found.extend(told)
         return [entry for *_, entry in told]
 
-    def split(blocks: NDArray[np.bool_]) -> tuple[BlockFit, BlockFit]:
-        one, other = (
-            logs.fit(study.sums, study.classes, part, study.fit.weights) for part in (blocks, ~blocks)
-        )
-        return one, other
-
     runs = np.unique(logs.log).tolist()
     logwise = len(runs) > 1
     for run in runs if logwise else ():
         shared, complete = find_shared(study, logs.log == run)
-        told = compare("logs", str(run + 1), split(logs.log == run), grams, shared)
+        pair = study.fit_blocks(logs.log == run), study.fit_blocks(logs.log != run)
+        told = compare("logs", str(run + 1), pair, grams, shared)
         logwise &= complete and all(entry.verdict is not Agreement.OPEN for entry in told)
         if len(runs) == 2:
             # The second one with the first says the same.
             break
     if len(runs) == 1:
         half = logs.fold < 0.5 * (logs.fold.max() + 1)
-        compare("halves", "", split(half), grams, find_shared(study, half)[0])
+        pair = study.fit_blocks(half), study.fit_blocks(~half)
+        compare("halves", "", pair, grams, find_shared(study, half)[0])
     if study.narrow is not None:
-        compare("band", "", (study.fit, logs.fit(study.narrow, study.classes)), grams)
+        compare("band", "", (study.fit, fit_sums(study.narrow, study.classes, logs.fold)), grams)
     last = logs.limits.shape[1] - 1
     if last:
-        every, fast = (logs.fit(study.sums, [share] * count, None, study.fit.weights) for share in (0, last))
-        compare("slow rows", "", (every, fast), friction)
+        pair = study.fit_blocks(None, [0] * count), study.fit_blocks(None, [last] * count)
+        compare("slow rows", "", pair, friction)
     chances = judge.adjust_chances([entry.p for *_, entry in found])
     tests = [
         build_test(what, names[joint], part, replace(entry, p=p))
@@ -253,13 +222,7 @@ def find_shared(study: SettingsStudy, blocks: NDArray[np.bool_]) -> tuple[FloatA
     times that of both: a joint that rests there, or a load that it never carries.
     """
     one, other = (
-        study.sums.join(
-            [
-                table[part, share].sum(axis=0)
-                for table, share in zip(study.sums.squares, study.classes, strict=True)
-            ],
-            study.fit.weights,
-        )[:-1, :-1]
+        study.sums.join_squares(study.classes, study.fit.weights, part)[:-1, :-1]
         for part in (blocks, ~blocks)
     )
     whole, scales = regression.scale_products(one + other)
@@ -273,11 +236,18 @@ def find_shared(study: SettingsStudy, blocks: NDArray[np.bool_]) -> tuple[FloatA
 
 
 def list_impossible(
-    library: Library, study: SettingsStudy, motion: ThinMotion, fit: estimators.RegressionFit, *, whole: bool
+    library: Library,
+    study: SettingsStudy,
+    values: FloatArray,
+    covariance: FloatArray,
+    motion: ThinMotion | None,
 ) -> tuple[str, ...]:
-    """Return in words what no robot can have, where it is sure and matters for a joint's torque."""
-    card, sums, values = library.card, study.logs.scores[1], fit.values
-    deviations = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0))
+    """Return in words what no robot can have, where it is sure and matters for a joint's torque.
+
+    Mass matrices are those along a `motion`, None for none of them.
+    """
+    card, sums = library.card, study.logs.scores[1]
+    deviations = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     sizes = np.zeros(len(values))
     for live, table, torque in zip(sums.live, sums.squares, study.logs.torque, strict=True):
         if torque > 0.0:
@@ -293,7 +263,7 @@ def list_impossible(
         if (friction or rotor) and surely and sizes[place] > POLICY.relevance:
             what = "friction drives the joint" if friction else "a rotor has a negative inertia"
             found.append(f"{entry.name} = {values[place]:.3g} {entry.unit}: {what}")
-    if not whole:
+    if motion is None:
         return tuple(found)
     count = len(card.beta)
     places = np.linspace(0, len(motion.q) - 1, _POSES).astype(int)
@@ -304,7 +274,7 @@ def list_impossible(
     least, vectors = np.linalg.eigh((matrices + matrices.swapaxes(1, 2)) / 2.0)
     weakest = vectors[:, :, 0]
     row = np.einsum("ti,tijk,tj->tk", weakest, mass, weakest)
-    spreads = np.sqrt(np.maximum(np.einsum("tk,kl,tl->t", row, fit.covariance[:count, :count], row), 0.0))
+    spreads = np.sqrt(np.maximum(np.einsum("tk,kl,tl->t", row, covariance[:count, :count], row), 0.0))
     bad = int(np.sum(least[:, 0] < -limit * spreads))
     # The largest part of a joint's torque, in root mean squares, that negative inertia takes.
     negative = np.minimum(least, 0.0)
@@ -321,9 +291,7 @@ def measure_bounded(study: SettingsStudy, robot: Robot | None, library: Library)
     The fit to all rows is bounded; it is scored as the free fit is, and what that loses when held out is
     added. Without a robot rotors and friction alone are bounded.
     """
-    logs, sums = study.logs, study.sums
-    pairs = [table[:, share].sum(axis=0) for table, share in zip(sums.squares, study.classes, strict=True)]
-    whole = sums.join(pairs, study.fit.weights)
+    logs, whole = study.logs, study.sums.join_squares(study.classes, study.fit.weights)
     scaled, scales = regression.scale_products(whole)
     triangle = np.linalg.cholesky(scaled).T / np.where(scales > 0.0, scales, np.inf)
     centre = regression.solve_products(whole)

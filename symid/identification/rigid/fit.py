@@ -69,7 +69,7 @@ def identify_parameters(
     """Return the parameters of the library's model that explain the recordings best.
 
     Args:
-        library: the robot's functions; its model card names the parameters.
+        library: the robot's functions.
         recordings: at least one, all of one robot.
         processing: filter, cut ends and decimation; what it leaves open is chosen, see `plan_fit`.
         rows: one of `ROW_KINDS`.
@@ -83,11 +83,6 @@ def identify_parameters(
         plan: settings and estimator, where they were chosen before.
         robot: behind the library, for causes that need its geometry; None without.
         largest: bytes; torque and momentum rows that take more are fitted by `ols` and `wls` block by block.
-
-    Raises:
-        UsageError: there is no such kind of rows or estimator, or no recording.
-        LogError: a recording does not fit the robot.
-        IdentifiabilityError: no parameter is identifiable.
     """
     notices = list_unknown("rows", rows, regression.ROW_KINDS)
     if estimator is not None:
@@ -132,17 +127,16 @@ def identify_parameters(
         errors, law_notices = measure_law_errors(library, recordings, used, slow, fitted.fit.values)
         wider = fitted.fit.covariance + errors.T @ errors
         fitted = replace(fitted, fit=replace(fitted.fit, covariance=wider))
+    settings = {**(echo or {}), "processing": asdict(used), "sample_period": recordings[0].period}
     windowed = rows not in {"torque", "power"}
-    settings = {
-        **(echo or {}),
-        "processing": asdict(used),
-        "sample_period": recordings[0].period,
-        **({"chosen": list(processing.left_open)} if processing.left_open else {}),
-        **({"fit": dict(fitted.fit.report)} if fitted.fit.report else {}),
-        **({} if weights is None else {"weights": list(weights)}),
-        **({"window": window} if windowed else {}),
-        **({"overlap": overlap} if overlap and windowed else {}),
+    further = {
+        "chosen": list(processing.left_open),
+        "fit": dict(fitted.fit.report),
+        "weights": list(weights or ()),
+        "window": window if windowed else 0.0,
+        "overlap": overlap if windowed else 0.0,
     }
+    settings |= {key: entry for key, entry in further.items() if entry}
     estimate = build_estimate(
         library.card,
         fitted.rows,
@@ -162,7 +156,8 @@ def identify_parameters(
         evidence = collect_evidence(
             library,
             plan.study,
-            fitted.fit,
+            fitted.fit.values,
+            fitted.fit.covariance,
             whole=not fitted.identifiability.refused,
             robot=robot,
             transmission=recordings[0].transmission,
@@ -188,12 +183,7 @@ def fit_in_memory(
     options: estimators.EstimatorOptions | None = None,
     weights: Sequence[float] | None = None,
 ) -> FittedRows:
-    """Return the fit of recordings whose equations are all in memory; `weights` as for `stack_rows`.
-
-    Raises:
-        LogError, UsageError: as for `prepare_rows`.
-        IdentifiabilityError: no parameter is identifiable.
-    """
+    """Return the fit of recordings whose equations are all in memory; `weights` as for `stack_rows`."""
     used = plan.processing
     moving = builder._replace(processing=replace(used, standstill=None))
     whole = regression.stack_rows(list(map(moving.prepare, recordings)), weights)
@@ -235,23 +225,18 @@ def fit_in_memory(
         covariance = estimators.compute_coloured_covariance(built, influence)
         if plan.study is not None:
             variances = np.diag(covariance)
-            safe = np.where(variances > 0.0, variances, 1.0)
-            blocks = judge.compute_variance(plan.study.fit.changes)
-            wider = np.maximum(variances, blocks)
-            factor = np.sqrt(np.where(variances > 0.0, wider / safe, 1.0))
+            wider = np.maximum(variances, judge.compute_variance(plan.study.fit.changes))
+            factor = np.divide(wider, variances, out=np.ones_like(wider), where=variances > 0.0)
+            factor = np.sqrt(factor)
             covariance = np.asarray(covariance * factor * factor[:, None])
         fit = replace(fit, covariance=covariance)
     else:
         # Other estimators keep their covariance, each deviation times what colour adds to that of wls.
-        plain = estimators.fit_weighted(
-            built, identifiability, estimators.estimate_group_weights(built, identifiability)
-        )
+        plain = estimators.fit_rows("wls", built, identifiability)
         influence = estimators.measure_influence(built, identifiability.basis, plain.weights, plain.residuals)
-        coloured, white = (
-            np.diag(estimators.compute_coloured_covariance(built, influence)),
-            np.diag(plain.covariance),
-        )
-        ratio = np.where(white > 0.0, coloured / np.where(white > 0.0, white, 1.0), 1.0)
+        coloured = np.diag(estimators.compute_coloured_covariance(built, influence))
+        white = np.diag(plain.covariance)
+        ratio = np.divide(coloured, white, out=np.ones_like(white), where=white > 0.0)
         ratio = np.sqrt(np.maximum(ratio, 1.0))
         fit = replace(fit, covariance=np.asarray(fit.covariance * ratio * ratio[:, None]))
     return FittedRows(
@@ -272,17 +257,16 @@ def mask_resting_rows(
     Those that are `trembling` (n,) rest throughout.
     """
     rest, notices = np.zeros(len(speed), dtype=np.bool_), []
-    tops = np.array([np.abs(speed[rows.group == k]).max(initial=0.0) for k in range(card.size)])
-    tops[trembling] = np.inf
     for group in np.unique(rows.group).tolist():
         own = rows.group == group
         if card.joints[group].friction == NO_FRICTION:
             continue
+        top = np.inf if trembling[group] else float(np.abs(speed[own]).max())
         for run in np.unique(rows.run[own]).tolist():
             part = np.flatnonzero(own & (rows.run == run))
             period = float(np.median(np.diff(rows.time[part]))) if len(part) > 1 else 1.0
             length = max(2, round(1.0 / (scoring * period)))
-            rest[part] = regression.mask_rest(speed[part], float(tops[group]), length)
+            rest[part] = regression.mask_rest(speed[part], top, length)
         if rest[own].any():
             text = (
                 f"joint {rows.group_names[group]!r}: at {int(rest[own].sum())} of {int(own.sum())} samples "
@@ -316,14 +300,7 @@ def fit_long(
     rule: regression.RankRule,
     weights: Sequence[float] | None = None,
 ) -> FittedRows | None:
-    """Return the fit of recordings whose matrix is never in memory; None where a joint has too few equations.
-
-    `weights` are those of each recording's squared residuals; one if None.
-
-    Raises:
-        LogError, UsageError: as for `prepare_rows`.
-        IdentifiabilityError: no parameter is identifiable.
-    """
+    """Return the fit of recordings whose matrix is never in memory; None where a joint has too few rows."""
     builder = builder._replace(keeper=regression.StatesKeeper())
     long = regression.condense_recordings(builder, recordings, weights)
     if long is None:

@@ -48,16 +48,16 @@ class StudiedLog(NamedTuple):
     columns: FloatArray
     moving: tuple[int, ...]
 
+    @property
+    def fit(self) -> tuple[FloatArray, FloatArray]:
+        """Return the parameters with chosen settings, and their covariance."""
+        return self.study.fit.values, self.study.fit.changes.T @ self.study.fit.changes
+
 
 def study_logs(
     library: Library, recordings: Sequence[log_files.Recording], processing: Processing
 ) -> SettingsStudy:
-    """Return the settings that an identification would choose for logs.
-
-    Raises:
-        IdentifiabilityError: no joint moves, or the log is too short for any choice.
-        LogError: the recording does not fit the robot.
-    """
+    """Return the settings that an identification would choose for logs, or an IdentifiabilityError."""
     settings = replace(processing, automatic=True)
     study = plan_fit(library, recordings, settings, rows="torque", estimator=None).study
     if study is None:
@@ -73,23 +73,10 @@ def study_log(library: Library, recording: log_files.Recording, processing: Proc
     return StudiedLog(recording, study, study.logs.motion, study.logs.columns, moving)
 
 
-def build_fit(log: StudiedLog) -> estimators.RegressionFit:
-    """Return the fit to one log with chosen settings."""
-    found = log.study.fit
-    return estimators.RegressionFit(
-        values=found.values,
-        covariance=found.changes.T @ found.changes,
-        residuals=np.empty(0),
-        spent=np.zeros(len(found.weights)),
-        condition=0.0,
-        weights=found.weights,
-    )
-
-
 def judge_log(library: Library, log: StudiedLog, robot: Robot) -> estimators.Evidence:
     """Return the evidence of a fit to one log with chosen settings, as an identification has it."""
     turned = log.recording.transmission
-    return collect_evidence(library, log.study, build_fit(log), robot=robot, transmission=turned)
+    return collect_evidence(library, log.study, *log.fit, robot=robot, transmission=turned)
 
 
 _HEAVIEST, _LIGHTEST = 2e4, 1e-4
@@ -119,21 +106,19 @@ class JointSigns:
 
 def estimate_signs(log: StudiedLog, library: Library, robot: Robot) -> tuple[JointSigns, ...]:
     """Return shares of inertia and friction of every joint that moves."""
-    symbols = dict(robot.symbols)
-    lengths = [
-        float(np.linalg.norm([value.to_float(symbols) for value in joint.placement.translation]))
-        for joint in robot.joints
-    ]
+    symbols, length = dict(robot.symbols), 0.0
+    for joint in robot.joints:
+        length += float(np.linalg.norm([value.to_float(symbols) for value in joint.placement.translation]))
     # Half of the distances between joints in m, which are a tenth of one at least.
-    reach = 0.5 * max(0.1, sum(lengths))
+    reach = 0.5 * max(0.1, length)
     shares = diagnostics.measure_shares(library, log.motion, log.columns, log.study.fit)
     stds = np.linalg.norm(shares.changes, axis=0)
     found = []
-    for joint in log.moving:
-        mass = float(shares.inertia[joint])
-        mass = mass if robot.axes[joint].kind is JointKind.PRISMATIC else mass / reach**2
-        (inertia, friction), (inertia_std, friction_std) = shares.values[joint].tolist(), stds[joint].tolist()
-        found.append(JointSigns(joint, inertia, inertia_std, friction, friction_std, mass))
+    for place in log.moving:
+        mass = float(shares.inertia[place])
+        mass = mass if robot.axes[place].kind is JointKind.PRISMATIC else mass / reach**2
+        (inertia, friction), (inertia_std, friction_std) = shares.values[place].tolist(), stds[place].tolist()
+        found.append(JointSigns(place, inertia, inertia_std, friction, friction_std, mass))
     return tuple(found)
 
 
@@ -237,7 +222,7 @@ def check_channels(log: StudiedLog, library: Library, robot: Robot) -> LogCheck:
         notices += (Notice(code="log.torque-size", text=text, file=file),)
     # Also beside others: a URDF without friction, whose efforts are currents.
     if not {"log.torque-size", "log.wrong-unit"} & {notice.code for notice in notices}:
-        notices += describe_scales(compare_fit(library, log.study, build_fit(log)), file, "log.effort-size")
+        notices += describe_scales(compare_fit(library, log.study, *log.fit), file, "log.effort-size")
     delay: TorqueDelay | None = None
     if not notices:
         delay = estimate_torque_delay(log)
@@ -302,8 +287,7 @@ class LogExcitation:
 def analyse_excitation(library: Library, study: SettingsStudy, moving: Collection[int]) -> LogExcitation:
     """Return which parameters logs excite, and how well their fit would tell them; `moving` are joints."""
     rule, fit = regression.RankRule(), study.fit
-    pairs = zip(study.sums.squares, study.classes, strict=True)
-    whole = study.sums.join([table[:, share].sum(axis=0) for table, share in pairs], fit.weights)[:-1, :-1]
+    whole = study.sums.join_squares(study.classes, fit.weights)[:-1, :-1]
     lengths = np.sqrt(np.diag(whole))
     squares, directions = np.linalg.eigh(whole / np.outer(*[np.where(lengths > 0.0, lengths, 1.0)] * 2))
     root = np.sqrt(np.maximum(squares, 0.0))[:, None] * directions.T * lengths
@@ -408,12 +392,7 @@ def check_robot_logs(
     """Return what is odd in logs, and which parameters are identifiable from all of them together.
 
     `logs` are files, files of runs, or what was read before. `prepare` returns the robot's functions, where
-    they are needed; `progress` is called with a short text on what begins; `output` is the file of an evenly
-    sampled copy of the first log.
-
-    Raises:
-        LogError: with what is wrong with any of the logs.
-        OutputError: the copy cannot be written.
+    they are needed; `output` is the file of an evenly sampled copy of the first log.
     """
     progress(f"reading {len(logs)} log{'s'[: len(logs) > 1]}")
     found: list[CheckedLog] = []

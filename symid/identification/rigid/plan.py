@@ -19,14 +19,7 @@ import numpy as np
 
 from symid.codegen import Library
 from symid.errors import Notice, UsageError
-from symid.identification import estimators, judge
-from symid.identification.regression import (
-    SCALAR_KINDS,
-    choose_filters,
-    condensing,
-    count_spoilt,
-    measure_moving_ends,
-)
+from symid.identification import estimators, judge, regression
 from symid.identification.rigid.settings_choice import PASSED, SettingsStudy, choose_settings
 from symid.joint_models import NO_FRICTION, get_law
 from symid.logs import Recording
@@ -41,9 +34,8 @@ FILTERED_INSTRUMENTAL = "filtered-instrumental"
 class FitPlan:
     """Settings with nothing open, the estimator, the study behind them (None for none), notices on it.
 
-    `scoring` in Hz: slow rows are chosen by positions that pass it, by those of the fit where 0.
-    `laws_chosen`: friction laws were chosen from the same logs, so that no other needs to be tried. Rows
-    within `margin` s of slow ones are left out with them.
+    `scoring` in Hz: slow rows are chosen by positions that pass it, by those of the fit where 0. Rows within
+    `margin` s of slow ones are left out with them.
     """
 
     processing: Processing
@@ -51,7 +43,6 @@ class FitPlan:
     study: SettingsStudy | None = None
     notices: tuple[Notice, ...] = ()
     scoring: float = 0.0
-    laws_chosen: bool = False
     margin: float = 0.0
 
 
@@ -66,12 +57,8 @@ def plan_fit(
 ) -> FitPlan:
     """Return settings and estimator with nothing left open.
 
-    `estimator` None is chosen; `long` logs do without instruments.
-
-    Raises:
-        UsageError: instruments are wanted, and their cut-off is neither stated nor chosen.
-        LogError: the recordings are not sampled alike, or one does not fit the robot.
-        IdentifiabilityError: no joint moves in a recording.
+    `estimator` None is chosen; `long` logs do without instruments. A UsageError where instruments are wanted,
+    and their cut-off is neither stated nor chosen.
     """
     usual = "wls" if library.card.size > 1 else "ols"
     if processing.instrument_cutoff and not long:
@@ -85,8 +72,8 @@ def plan_fit(
         raise UsageError(Notice(code="usage.no-instruments", text=text))
     spans = [entry.time[-1] - entry.time[0] for entry in recordings]
     count = 2.0 * judge.POLICY.row_band / recordings[0].period * library.card.size * sum(spans)
-    if rows in SCALAR_KINDS or count < len(library.card.fitted):
-        filters = choose_filters(processing, recordings)
+    if rows in regression.SCALAR_KINDS or count < len(library.card.fitted):
+        filters = regression.choose_filters(processing, recordings)
         settled = cut_moving_ends(filters.processing, recordings) if processing.left_open else processing
         settled = replace(settled, automatic=False)
         return FitPlan(processing=settled, estimator=wanted, notices=filters.notices)
@@ -184,9 +171,9 @@ def cut_moving_ends(processing: Processing, recordings: Sequence[Recording]) -> 
     stated is never cut less.
     """
     cutoff = processing.instrument_cutoff or processing.filter_cutoff
-    ends = measure_moving_ends(replace(processing, filter_cutoff=cutoff), recordings)
-    most = round(condensing.PART * min(len(entry.time) for entry in recordings))
-    spoilt = max(count_spoilt(processing.filter_cutoff, entry.period) for entry in recordings)
+    ends = regression.measure_moving_ends(replace(processing, filter_cutoff=cutoff), recordings)
+    most = round(regression.condensing.PART * min(len(entry.time) for entry in recordings))
+    spoilt = max(regression.count_spoilt(processing.filter_cutoff, entry.period) for entry in recordings)
     first, last = (max(spoilt, min(end, most)) for end in ends)
     return replace(
         processing,
@@ -215,11 +202,7 @@ PRIOR_OF_ROBOT = "robot"
 
 
 def check_estimator(rows: str, estimator: str | None) -> None:
-    """Refuse an estimator that no rows of a rigid robot know.
-
-    Raises:
-        UsageError: there is no such estimator; those of friction laws are others.
-    """
+    """Refuse an estimator that no rows of a rigid robot know; those of friction laws are others."""
     more = f" with --rows {rows}; those of friction laws go with --rows friction"
     allowed = (*estimators.ESTIMATORS, FILTERED_INSTRUMENTAL, *SIMULATING)
     if estimator is not None and (notices := list_unknown("estimator", estimator, allowed, more)):
@@ -227,11 +210,7 @@ def check_estimator(rows: str, estimator: str | None) -> None:
 
 
 def check_rigid_options(rows: str, estimator: str | None, options: RigidOptions) -> None:
-    """Refuse options that rows or estimator do not use.
-
-    Raises:
-        UsageError: an option belongs to other rows or to another estimator, or is out of range.
-    """
+    """Refuse options that belong to other rows or to another estimator."""
     ridge, flags = (estimator == "ridge", "--estimator ridge"), list_options(RigidOptions)
     wanted = {
         "window": (rows in _WINDOWED, f"--rows {', '.join(_WINDOWED)}"),
@@ -265,11 +244,7 @@ def build_estimator_options(
     *,
     prior: estimators.Estimate | None = None,
 ) -> estimators.EstimatorOptions:
-    """Return the options of an estimator; `prior` is of the same model, None for values of the robot file.
-
-    Raises:
-        UsageError: there is no prior, or the motion does not repeat.
-    """
+    """Return the options of an estimator; `prior` is of the same model, None for values of the robot file."""
     if estimator == "ridge":
         known = (
             estimators.build_prior_of_card(library.card, (options.prior_percent or _DEVIATION) / 100.0)

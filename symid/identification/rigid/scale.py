@@ -12,7 +12,7 @@ Supported: robots any of whose base parameters is known.
 Not supported: joints whose torque has no known part, as a vertical axis with a rotor.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice
+from symid.identification.estimators import ParameterEstimate
 from symid.identification.judge import POLICY, numerics
 from symid.robot import JointKind, Robot
 
@@ -75,34 +76,31 @@ def compare_scales(
 def compare_fit_scales(  # noqa: PLR0917 - a fit, its states and its robot
     library: Library,
     robot: Robot,
-    names: Sequence[str],
-    values: Sequence[float],
+    parameters: Sequence[ParameterEstimate],
     covariance: Sequence[Sequence[float]],
-    motion: Sequence[Sequence[float]],
+    motion: Sequence[Sequence[float]] = (),
+    refused: Collection[str] = (),
 ) -> tuple[JointScale, ...]:
     """Return the scales of a fit, at the states of its logs (t, 3 n), or at random ones where it has none."""
-    card = library.card
-    places = {entry.name: k for k, entry in enumerate(card.beta)}
-    own = [(places[name], k) for k, name in enumerate(names) if name in places]
-    found, spreads = np.full(len(places), np.nan), np.zeros((len(places), len(places)))
-    for place, k in own:
-        found[place] = values[k]
-        for other, j in own if covariance else ():
-            spreads[place, other] = covariance[k][j]
-    states = (
-        np.array(motion).reshape(len(motion), 3, -1).transpose(1, 0, 2) if motion else _draw_states(robot)
-    )
+    count, values = len(library.card.beta), {entry.name: k for k, entry in enumerate(parameters)}
+    known = {k: values.get(entry.name) for k, entry in enumerate(library.card.beta)}
+    pairs = [(k, j) for k, j in known.items() if j is not None and parameters[j].name not in refused]
+    own, theirs = np.array(pairs, dtype=np.intp).reshape(-1, 2).T
+    found, spreads = np.full(count, np.nan), np.zeros((count, count))
+    found[own] = [parameters[j].value for _, j in pairs]
+    if covariance:
+        spreads[np.ix_(own, own)] = np.array(covariance)[np.ix_(theirs, theirs)]
+    if motion:
+        states = np.array(motion).reshape(len(motion), 3, -1).transpose(1, 0, 2)
+    else:
+        # q within the limits or a turn, of the same random motion each time.
+        draw, plain = np.random.default_rng(1), {JointKind.PRISMATIC: 1.0}
+        spans = [joint.limits.position or (-(a := plain.get(joint.kind, np.pi)), a) for joint in robot.axes]
+        low, high = np.array(spans).T
+        q = draw.uniform(low, high, (_POSES, len(spans)))
+        states = np.stack([q, *draw.standard_normal((2, _POSES, len(spans)))])
     (columns,) = library.evaluate("torque_regressor", *states)
-    return compare_scales(card, columns, found, spreads)
-
-
-def _draw_states(robot: Robot) -> FloatArray:
-    """Return q within the limits or a turn, dq and ddq (3, t, n) of the same random motion each time."""
-    draw, plain = np.random.default_rng(1), {JointKind.PRISMATIC: 1.0}
-    spans = [joint.limits.position or (-(a := plain.get(joint.kind, np.pi)), a) for joint in robot.axes]
-    low, high = np.array(spans).T
-    q = draw.uniform(low, high, (_POSES, len(spans)))
-    return np.stack([q, *draw.standard_normal((2, _POSES, len(spans)))])
+    return compare_scales(library.card, columns, found, spreads)
 
 
 def describe_scales(scales: Sequence[JointScale], file: str, code: str) -> tuple[Notice, ...]:

@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.codegen import Library
@@ -35,6 +36,7 @@ from symid.identification.regression import (
     CondensedLogs,
     balance_cutoff,
     condensing,
+    fit_sums,
     measure_scoring_band,
 )
 from symid.logs import STATES, Recording, has_states
@@ -48,11 +50,9 @@ PASSED = 0.4
 class SettingsStudy:
     """Settings taken, and what they are judged by.
 
-    Args:
-        logs: condensed, without their rows; classes: (n,) of speed from which rows are used.
-        sums: of the pair of bands taken; narrow: of rows of the band below, None where there is none.
-        fit: with these.
-        choice: what was tried; cutoff: Hz, of the positions; differences: as in `Processing`.
+    `logs` are condensed, without their rows; `classes` (n,) of speed from which rows are used; `sums` of the
+    pair of bands taken, `narrow` of rows of the band below, None where there is none; `fit` with these;
+    `choice` what was tried; `cutoff` Hz, of the positions; `differences` as in `Processing`.
     """
 
     logs: CondensedLogs
@@ -63,6 +63,10 @@ class SettingsStudy:
     choice: SettingsChoice
     cutoff: float | None
     differences: str
+
+    def fit_blocks(self, blocks: NDArray[np.bool_] | None, classes: Sequence[int] | None = None) -> BlockFit:
+        """Return the fit of some blocks (b,), or of rows from other classes (n,) of speed on."""
+        return fit_sums(self.sums, classes or self.classes, self.logs.fold, blocks, self.fit.weights)
 
 
 class BandTrial(NamedTuple):
@@ -75,17 +79,6 @@ class BandTrial(NamedTuple):
     losses: FloatArray
 
 
-def list_bands(scoring: float, widest: float, stated: float | None) -> list[float]:
-    """Return bands an octave apart, two below the scoring band and all above; the last one may be stated."""
-    if stated is not None:
-        widest = stated
-    above = max(0, math.floor(math.log2(widest / scoring) + 1e-9))
-    bands = [scoring * 2.0**k for k in range(-condensing.SCORING, above + 1)]
-    if stated is not None and abs(bands[-1] / stated - 1.0) > 1e-9:
-        bands.append(stated)
-    return bands
-
-
 def choose_settings(
     library: Library,
     recordings: Sequence[Recording],
@@ -94,18 +87,10 @@ def choose_settings(
     instruments: tuple[bool, ...] = (False, True),
     moving: bool = False,
 ) -> SettingsStudy:
-    """Return the settings that predict held-out stretches and are consistent.
+    """Return the settings that predict held-out stretches and are consistent; `processing` states some.
 
-    Args:
-        library: the robot's functions.
-        recordings: at least one, sampled alike.
-        processing: what it states is kept.
-        instruments: whether candidates have instruments: some, all of them, or none.
-        moving: whether slow rows are left out of all joints.
-
-    Raises:
-        LogError: a recording does not fit the robot.
-        IdentifiabilityError: no joint moves in a recording.
+    `instruments` whether candidates have some, all of them, or none; `moving` whether slow rows are left out
+    of all joints.
     """
     rate = 1.0 / recordings[0].period
     length = sum(len(entry.time) * entry.period for entry in recordings)
@@ -118,7 +103,11 @@ def choose_settings(
     stated = None if "decimation.factor" in processing.left_open else PASSED * rate / max(1, factor)
     widest = min(PASSED * condensing.ROW_RATE, judge.POLICY.row_band * rate, 0.5 * (cutoff or rate))
     scoring = min(max(measure_scoring_band(recordings), least), stated or 0.5 * widest)
-    bands = list_bands(scoring, widest, stated)
+    # An octave apart, two below the scoring band and all above; the last one may be stated.
+    above = max(0, math.floor(math.log2((stated or widest) / scoring) + 1e-9))
+    bands = [scoring * 2.0**k for k in range(-condensing.SCORING, above + 1)]
+    if stated is not None and abs(bands[-1] / stated - 1.0) > 1e-9:
+        bands.append(stated)
     usable = [processing.states]
     if "filter_cutoff" in processing.left_open and processing.states == "position":
         alike = len({recording.velocity is None for recording in recordings}) == 1
@@ -135,7 +124,10 @@ def choose_settings(
             chance.p_of_all < judge.POLICY.caution
             and chance.fall_of_all > (1.0 + judge.POLICY.relevance) ** 2
         ):
-            narrow = _find_narrow(logs, trials, trials[taken])
+            # Rows of the band below, with the same instruments; None at the lowest.
+            level, smooth = trials[taken].level - 1, min(trials[taken].smooth, trials[taken].level - 1)
+            known = [trial.sums for trial in trials if (trial.level, trial.smooth) == (level, smooth)]
+            narrow = known[0] if known else logs.sum_products([level], smooth)[0] if level else None
             best, place = (logs, trials[taken], narrow), len(candidates) + taken
         logs.release()
         candidates += found
@@ -144,7 +136,7 @@ def choose_settings(
     logs, trial, narrow = best
     moving |= "standstill" not in processing.left_open
     classes = _choose_classes(library, logs, trial, moving=moving)
-    fit = logs.fit(trial.sums, classes)
+    fit = fit_sums(trial.sums, classes, logs.fold)
     speeds = tuple(float(logs.limits[joint, share]) for joint, share in enumerate(classes))
     choice = SettingsChoice(
         scoring=bands[condensing.SCORING], candidates=tuple(candidates), taken=place, standstill=speeds
@@ -173,20 +165,11 @@ def _fit_trials(logs: CondensedLogs, instruments: tuple[bool, ...], *, stated: b
             if (smooth < level) in instruments or (level, smooth) == (last, last)
         ]
         for level, sums in zip(levels, logs.sum_products(levels, smooth), strict=True):
-            fit = logs.fit(sums, [share] * len(logs.limits))
+            fit = fit_sums(sums, [share] * len(logs.limits), logs.fold)
             found.append(BandTrial(level, smooth, sums, fit, logs.measure_losses(fit, share)))
     found.sort(key=lambda trial: (trial.level, trial.smooth))
     wanted = [trial for trial in found if (trial.smooth < trial.level) in instruments]
     return wanted or found
-
-
-def _find_narrow(logs: CondensedLogs, trials: Sequence[BandTrial], taken: BandTrial) -> BandSums | None:
-    """Return the sums of rows of the band below that of a trial, with its instruments; None at the lowest."""
-    pair = taken.level - 1, min(taken.smooth, taken.level - 1)
-    if not pair[0]:
-        return None
-    known = [trial.sums for trial in trials if (trial.level, trial.smooth) == pair]
-    return known[0] if known else logs.sum_products([pair[0]], pair[1])[0]
 
 
 def _measure_share(losses: FloatArray) -> float:
@@ -239,9 +222,9 @@ def _choose_classes(
 ) -> tuple[int, ...]:
     """Return from which class of speed on rows of each joint are used: those of slow motion are left out.
 
-    Filters smear friction where a joint turns round, and without these rows deviations are hardly larger.
-    Only where friction there surely is another, by a part of the torque that matters, does no choice of rows
-    make the law right: all rows count, as long as that predicts as well.
+    Filters smear friction where a joint turns round. Only where friction there surely is another, by a part
+    of the torque that matters, does no choice of rows make the law right: all rows count, as long as that
+    predicts as well.
     """
     last, inertial = logs.limits.shape[1] - 1, len(library.card.beta)
     classes, grams = [last] * len(logs.limits), logs.list_grams()[:, inertial:, inertial:]
@@ -249,7 +232,8 @@ def _choose_classes(
     for joint, gram in enumerate(grams):
         if moving or not last:
             continue
-        other = logs.fit(trial.sums, [0 if place == joint else last for place in range(len(classes))])
+        own = [0 if place == joint else last for place in range(len(classes))]
+        other = fit_sums(trial.sums, own, logs.fold)
         (found,) = judge.agree(
             (other.values - trial.fit.values)[inertial:],
             (other.changes - trial.fit.changes)[:, inertial:],

@@ -79,9 +79,6 @@ def resolve_processing(
     """Return how `recording` is processed under the settings of `estimate`.
 
     `processing` is stated now; what it leaves open (`automatic`) is the fit's, or chosen from the log.
-
-    Raises:
-        EstimateError: the settings of the estimate cannot be read.
     """
     left = processing.left_open
     stated = dict.fromkeys(estimators.OPEN_SETTINGS, "stated")
@@ -114,11 +111,7 @@ def resolve_processing(
 
 
 def read_fit_processing(settings: Mapping[str, object]) -> robots.Processing:
-    """Return how the fit behind an estimate's settings processed its logs.
-
-    Raises:
-        EstimateError: the settings do not say so, or not in a usable way.
-    """
+    """Return how the fit behind an estimate's settings processed its logs, or an EstimateError."""
     stored = settings.get("processing")
     table: dict[str, Any] = dict(stored) if isinstance(stored, Mapping) else {"": stored}
     if isinstance(table.get("standstill"), list):
@@ -146,11 +139,7 @@ def get_fit_window(settings: Mapping[str, object]) -> float:
 def get_usable_window(
     settings: Mapping[str, object], recording: Recording
 ) -> tuple[float, tuple[Notice, ...]]:
-    """Return the windows of the fit in s, longer ones with a notice where `recording` is too coarse for them.
-
-    Raises:
-        EstimateError: windows or overlap in the settings cannot be used.
-    """
+    """Return the windows of the fit in s, longer ones with a notice where `recording` is too coarse."""
     window, pieces = get_fit_window(settings), regression.count_pieces(get_fit_overlap(settings))
     # Windows are pieces of at least two sample periods, see `choose_windows`.
     if round(window / pieces / (2.0 * recording.period)) >= 1:
@@ -199,10 +188,6 @@ def restore_robot(
 
     Settings of the call, keys and values, come last, and win. Where the estimate's differ from the robot
     file's, a notice says so. What the fit chose from its logs is left open again (`resolve_processing`).
-
-    Raises:
-        UsageError: a setting cannot be made here.
-        EstimateError: the log map or the processing of the estimate cannot be read.
     """
     # A result of friction has no friction models; its signature has. Joints with different models have them
     # from the file: an option sets one for all.
@@ -320,17 +305,12 @@ def validate_estimate(
     `windows` are `window` and `overlap` of `build_rows`. Where the fit chose its settings and `processing`
     leaves a filter or a decimation open, residuals of torque, momentum and filtered rows count within the
     band that they were chosen by.
-
-    Raises:
-        EstimateError: the estimate belongs to another model than the library.
-        LogError: the recording does not fit the robot.
-        IdentifiabilityError: no joint moves in it.
     """
     estimators.check_model(estimate, library.card)
     settled = resolve_processing(estimate, processing, recording)
-    stored = estimate.settings.get("processing")
-    known = [stored.get(name) for name in ("drop_first", "drop_last")] if isinstance(stored, Mapping) else []
-    first, last = (entry if isinstance(entry, int) else 0 for entry in (*known, 0, 0)[:2])
+    stored: Any = estimate.settings.get("processing")
+    known = (stored.get(name) for name in ("drop_first", "drop_last")) if isinstance(stored, Mapping) else ()
+    first, last = (entry if isinstance(entry, int) else 0 for entry in known or (0, 0))
     cut, fitted_cut = (settled.processing.drop_first, settled.processing.drop_last), (first, last)
     # Slow rows count, as in the residual of the fit.
     counted = replace(settled.processing, standstill=None)
@@ -347,10 +327,8 @@ def validate_estimate(
 
     def score(part: regression.Rows) -> tuple[FloatArray, NDArray[np.bool_]]:
         """Return rows and what is left of them (m, 2), both within the band, and which of them count."""
-        table, inner = (
-            np.column_stack([part.values, part.values - part.matrix @ values]),
-            np.full(len(part.time), fill_value=True),
-        )
+        table = np.column_stack([part.values, part.values - part.matrix @ values])
+        inner = np.ones(len(part.time), dtype=np.bool_)
         if scoring:
             table, within = smooth_rows(part, table, scoring), mask_inner(part)
             inner = within if within.any() else inner
@@ -470,15 +448,11 @@ _ALONE = ("ols", "wls", "huber", "sequential", FILTERED_INSTRUMENTAL)
 class Diagnosis:
     """All that follows from a fit and its logs beyond the parameters.
 
-    Args:
-        singular: of the weighted matrix with columns of length one, in falling order, and its `rank`.
-        correlated: (name, name, correlation), the closest first; `ellipse` of the first pair.
-        essential, bootstrap, drift: see there.
-        structure: functions that explain the residual of each joint; profiles: the residual against states.
-        prices: of the estimator against plain least squares of the same weights, and of decimation.
-        refit: largest difference, in stated deviations, between the estimate and the fit made again; None
-            where the estimator needs more than the logs.
-        notices: what a reader should know.
+    `singular` values are of the weighted matrix with columns of length one; `correlated` (name, name,
+    correlation), the closest first, with the `ellipse` of that pair; `structure` functions that explain the
+    residual of each joint, `profiles` the residual against states; `prices` of the estimator against plain
+    least squares of the same weights, and of decimation; `refit` largest difference, in stated deviations,
+    between the estimate and the fit made again, None where the estimator needs more than the logs.
     """
 
     singular: tuple[float, ...] = field(metadata=name_key("singular_values"))
@@ -504,10 +478,6 @@ def diagnose_estimate(
     """Return the diagnosis of `estimate` on the recordings that it was fitted to, as their runs are set.
 
     What `processing` leaves open is taken from the estimate.
-
-    Raises:
-        EstimateError: the estimate belongs to another model, or its settings cannot be read.
-        UsageError: its rows mix the joints.
     """
     estimators.check_model(estimate, library.card)
     if estimate.rows not in _KINDS:

@@ -12,6 +12,7 @@ from symid.identification import judge
 from symid.identification.diagnostics import causes
 from symid.identification.diagnostics.causes import (
     TERM,
+    FollowedLogs,
     Hypothesis,
     TriedFit,
     TriedHypothesis,
@@ -178,17 +179,17 @@ def test_a_sign_cures_only_what_was_usable(monkeypatch, before, named):
     monkeypatch.setattr(causes, "fit_motion", fit)
     monkeypatch.setattr(causes, "mask_impossible", lambda *given: np.array([given[1] is motion] * 2))
     undone = Hypothesis("log.torque-sign", "sign", "a cause", "a remedy", turned)
-    assert len(find_causes(LIBRARY, motion, logs.fold, [undone], impossible=True)) == named
+    followed = FollowedLogs.follow(LIBRARY, motion, logs.fold)
+    assert len(find_causes(followed, [undone], impossible=True)) == named
 
 
 def find_all(logs):
     """Return the causes of thinned logs of two links, of all hypotheses."""
-    motion = logs.motion
-    base = fit_motion(evaluate_motion(LIBRARY, motion), motion, logs.fold)
-    terms = list_terms(LIBRARY, motion, base.fit.values)
-    every = [*suspect_logs(LIBRARY, motion, logs.log), *list_mistakes(LIBRARY, motion, logs.fold), *terms]
+    followed = FollowedLogs.follow(LIBRARY, logs.motion, logs.fold)
+    base = fit_motion(followed.columns, followed.motion, logs.fold)
+    every = [*suspect_logs(followed), *list_mistakes(followed), *list_terms(followed, base.fit.values)]
     assert len(every) >= 36
-    return find_causes(LIBRARY, motion, logs.fold, every)
+    return find_causes(followed, every)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -208,9 +209,9 @@ def test_a_term_that_the_model_lacks_is_named_at_its_joint(term):
         torque[:, 1] += 2.0 * log.position[:, 1]
         log = replace(log, torque=torque)
     logs = thin(LIBRARY, log)
-    base = fit_motion(evaluate_motion(LIBRARY, logs.motion), logs.motion, logs.fold)
-    terms = list_terms(LIBRARY, logs.motion, base.fit.values)
-    found = find_causes(LIBRARY, logs.motion, logs.fold, terms)
+    followed = FollowedLogs.follow(LIBRARY, logs.motion, logs.fold)
+    base = fit_motion(followed.columns, logs.motion, logs.fold)
+    found = find_causes(followed, list_terms(followed, base.fit.values))
     assert found[0].family == f"{term} of joint2"
     assert found[0].joints == ("joint2",)
     assert found[0].after < 0.7 * found[0].before
@@ -232,11 +233,12 @@ def test_a_log_whose_joints_are_noise_still_shows_the_unit_of_another(library, l
 def test_joints_that_friction_drives_and_a_negative_inertia_are_impossible():
     logs = thin(LIBRARY, record(0), record(1))
     motion = logs.motion
-    columns = evaluate_motion(LIBRARY, motion)
+    followed = FollowedLogs.follow(LIBRARY, motion, logs.fold)
+    columns = followed.columns
 
     def find(tau):
         other = replace(motion, tau=tau)
-        return mask_impossible(LIBRARY, other, fit_motion(columns, other, logs.fold).fit).tolist()
+        return mask_impossible(followed, other, fit_motion(columns, other, logs.fold).fit).tolist()
 
     for joint in (0, 1):
         turned = motion.tau.copy()
@@ -296,12 +298,13 @@ def test_no_mistake_is_blamed_for_a_joint_of_noise(library, logs):
 
 def test_a_rival_is_not_excluded_by_a_short_log(library, logs, monkeypatch):
     late = thin(library, delay(logs[0]))
-    every = list_mistakes(library, late.motion, late.fold)
+    followed = FollowedLogs.follow(library, late.motion, late.fold)
+    every = list_mistakes(followed)
     undone = next(entry for entry in every if "ms after" in entry.cause)
     rival = replace(undone, family="another")
     for first, named in ((0.0, 2), (0.5, 0)):
         monkeypatch.setattr(judge, "adjust_chances", lambda p, first=first: [first, *[0.5] * (len(p) - 1)])
-        assert len(find_causes(library, late.motion, late.fold, [undone, rival])) == named
+        assert len(find_causes(followed, [undone, rival])) == named
 
 
 def test_logs_of_different_robots_contradict_each_other():
@@ -319,7 +322,8 @@ def test_rows_that_a_delay_leaves_out_are_no_part_of_what_it_explains():
     shorter = replace(motion, kept=motion.kept & ~end[:, None])
     for code, count in (("log.time-scale", 1), ("log.torque-delay", 0)):
         undone = Hypothesis(code, code, "a cause", "a remedy", shorter)
-        assert len(find_causes(LIBRARY, motion, logs.fold, [undone])) == count
+        followed = FollowedLogs.follow(LIBRARY, motion, logs.fold)
+        assert len(find_causes(followed, [undone])) == count
 
 
 @pytest.mark.parametrize(("after", "kept"), [(0.022, True), (0.14, False)])

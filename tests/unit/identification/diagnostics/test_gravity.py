@@ -7,6 +7,7 @@ import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.identification.diagnostics.causes import (
+    FollowedLogs,
     estimate_gravity,
     evaluate_motion,
     find_causes,
@@ -15,6 +16,7 @@ from symid.identification.diagnostics.causes import (
     suspect_gravity,
 )
 from symid.identification.diagnostics.gravity import find_gravity
+from symid.identification.regression import ThinMotion
 from symid.robot.geometry import ZERO
 from tests.chains import build_chain
 from tests.recovery.closed_form import L, find_friction
@@ -37,9 +39,7 @@ def sample(library, seed, gravity, **options):
 
 
 def find(library, motion, fold, robot=ARM):
-    columns = evaluate_motion(library, motion)[:, :, len(library.card.beta) :]
-    states = {name: getattr(motion, name) for name in ("q", "dq", "ddq", "tau", "kept")}
-    return find_gravity(robot, **states, stretch=fold[motion.block], friction=columns)
+    return estimate_gravity(FollowedLogs.follow(library, motion, fold), robot)
 
 
 def measure_angle(first, second):
@@ -111,15 +111,10 @@ def build_two_link_log(tilt, lean=0.0):
     (friction,) = find_friction(dq)
     tau = np.column_stack([shoulder, elbow]) + friction @ [0.8, 1.0, 0.2, 0.5, 0.4, -0.1]
     tau += 0.02 * np.random.default_rng(0).normal(size=tau.shape) * tau.std(axis=0)
-    return {
-        "q": q[:, :2],
-        "dq": dq,
-        "ddq": ddq[:, :2],
-        "tau": tau,
-        "kept": np.abs(dq) > 0.05,
-        "stretch": np.arange(len(q)) * 6 // len(q),
-        "friction": friction,
-    }
+    block, run = np.arange(len(q)) * 6 // len(q), np.zeros(len(q), dtype=np.intp)
+    kept, states = np.abs(dq) > 0.05, {"q": q[:, :2], "dq": dq, "ddq": ddq[:, :2]}
+    motion = ThinMotion(**states, tau=tau, kept=kept, block=block, run=run, period=0.1)
+    return motion, block, friction
 
 
 def build_planar(*gravity):
@@ -130,7 +125,7 @@ def build_planar(*gravity):
 @pytest.mark.parametrize("tilt", [0.0, 10.0, -70.0, 180.0])
 def test_a_planar_arm_is_turned_in_its_plane(tilt):
     turn = np.radians(tilt)
-    found = find_gravity(build_planar("0", "-9.81", "0"), **build_two_link_log(turn))
+    found = find_gravity(build_planar("0", "-9.81", "0"), *build_two_link_log(turn))
     truth = 9.81 * np.array([np.sin(turn), -np.cos(turn), 0.0])
     assert measure_angle(found.direction, truth) < max(3.0 * found.deviation, 1e-3)
     assert found.deviation < np.radians(3.0)
@@ -138,7 +133,7 @@ def test_a_planar_arm_is_turned_in_its_plane(tilt):
 
 
 def test_a_planar_arm_that_leans_shows_how_far():
-    found = find_gravity(build_planar("0", "-9.81", "0"), **build_two_link_log(0.0, np.radians(60.0)))
+    found = find_gravity(build_planar("0", "-9.81", "0"), *build_two_link_log(0.0, np.radians(60.0)))
     # Not to which side.
     sides = [9.81 * np.array([0.0, -0.5, side * np.sqrt(0.75)]) for side in (1.0, -1.0)]
     assert min(measure_angle(found.direction, side) for side in sides) < 3.0 * found.deviation
@@ -146,21 +141,20 @@ def test_a_planar_arm_that_leans_shows_how_far():
 
 def test_what_a_log_does_not_show_is_not_turned():
     # One link: a turn in its plane is the same as another place of its mass, and so is gravity's sign.
-    log = build_two_link_log(0.5)
-    (q, dq, ddq), kept = (log[name][:, :1] for name in ("q", "dq", "ddq")), log["kept"][:, :1]
-    tau = 0.5 * ddq + 9.81 * 2.0 * np.cos(q - 0.5) + 0.3 * dq + 0.01 * log["tau"][:, 1:]
+    motion, stretch, friction = build_two_link_log(0.5)
+    names = ("q", "dq", "ddq", "kept")
+    first = replace(motion, **{name: getattr(motion, name)[:, :1] for name in names})
+    tau = 0.5 * first.ddq + 9.81 * 2.0 * np.cos(first.q - 0.5) + 0.3 * first.dq + 0.01 * motion.tau[:, 1:]
     one = build_chain([(0.0, 0.0, 0.0, "q")], gravity=("0", "-9.81", "0"))
-    friction = log["friction"][:, :1, :3]
-    found = find_gravity(
-        one, q=q, dq=dq, ddq=ddq, tau=tau, kept=kept, stretch=log["stretch"], friction=friction
-    )
+    found = find_gravity(one, replace(first, tau=tau), stretch, friction[:, :1, :3])
     assert found.turn < 1e-3
     np.testing.assert_allclose(found.left, found.left_before, rtol=1e-3)
     # And torques that are zero, or a joint that no row is of, show nothing, or what the others show.
-    none = find_gravity(build_planar("0", "-9.81", "0"), **{**log, "tau": np.zeros_like(log["tau"])})
+    still = replace(motion, tau=np.zeros_like(motion.tau))
+    none = find_gravity(build_planar("0", "-9.81", "0"), still, stretch, friction)
     assert (none.turn, none.deviation) == (0.0, 0.0)
-    log["kept"][:, 0] = False
-    found = find_gravity(build_planar("0", "-9.81", "0"), **log)
+    motion.kept[:, 0] = False
+    found = find_gravity(build_planar("0", "-9.81", "0"), motion, stretch, friction)
     assert abs(found.turn - 0.5) < 3.0 * found.deviation
     assert found.left[0] == 0.0
 
@@ -169,8 +163,9 @@ def test_a_weight_that_a_log_does_not_have_is_explained_for_nothing():
     """Out of its plane a planar arm has little weight; the file's gravity would add much of it."""
     logs = thin(LIBRARY, replace(record(1, torque=0.1), time=2.5 * record(1).time))
     motion, fold = logs.motion, logs.fold
-    found = suspect_gravity(estimate_gravity(LIBRARY, motion, build_planar("0", "-9.81", "0"), fold), motion)
+    followed = FollowedLogs.follow(LIBRARY, motion, fold)
+    found = suspect_gravity(estimate_gravity(followed, build_planar("0", "-9.81", "0")), motion)
     measured, added = (np.sum(part.tau**2 * motion.kept, axis=0) for part in (motion, found.motion))
     assert np.all(added > 4.0 * measured)
-    causes = find_causes(LIBRARY, motion, fold, [found, *list_mistakes(LIBRARY, motion, fold)])
+    causes = find_causes(followed, [found, *list_mistakes(followed)])
     assert {entry.family for entry in causes} == {"times", "gravity"}

@@ -124,7 +124,7 @@ def test_fits_without_a_fold_are_those_of_its_rows(seeds, level, smooth, share):
     """Each row of a piece, its block and its speed, through NumPy alone."""
     logs = build_logs(*seeds)
     sums = logs.sum_products([level], smooth)[0]
-    found = logs.fit(sums, [share, share])
+    found = fit_sums(sums, [share, share], logs.fold)
     left, right, fold, runs = [], [], [], []
     for piece, block, rest in zip(logs._pieces, logs._blocks, logs._rest, strict=True):
         stride = piece.strides[level]
@@ -155,7 +155,7 @@ def test_fits_without_a_fold_are_those_of_its_rows(seeds, level, smooth, share):
 
 def test_losses_are_squares_of_rows_that_were_held_out():
     logs = build_logs(0)
-    fit = logs.fit(logs.sum_products([3], 3)[0], [0, 0])
+    fit = fit_sums(logs.sum_products([3], 3)[0], [0, 0], logs.fold)
     losses, expected = logs.measure_losses(fit), np.zeros((len(logs.log), 2))
     (piece,), (block,), (rest,) = logs._pieces, logs._blocks, logs._rest
     for level in (1, 2):
@@ -340,8 +340,8 @@ def test_a_band_that_rows_do_not_hold_is_taken_from_all_samples():
 
 def test_released_logs_keep_rows_of_the_scoring_band_alone():
     logs = build_logs(0)
-    columns, losses = logs.columns, logs.measure_losses(logs.fit(logs.scores[1], [0, 0]))
+    columns, losses = logs.columns, logs.measure_losses(fit_sums(logs.scores[1], [0, 0], logs.fold))
     logs.release()
     np.testing.assert_array_equal(logs.columns, columns)
-    np.testing.assert_array_equal(logs.measure_losses(logs.fit(logs.scores[1], [0, 0])), losses)
+    np.testing.assert_array_equal(logs.measure_losses(fit_sums(logs.scores[1], [0, 0], logs.fold)), losses)
     assert logs._pieces[0].matrices[3].size == 0

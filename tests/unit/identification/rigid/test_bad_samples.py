@@ -8,7 +8,6 @@ import pytest
 from symid.identification.diagnostics.residual_structure import (
     compute_band_residual,
     compute_joint_residuals,
-    predict_torques,
 )
 from symid.identification.friction.extraction import extract_joint, fold_recording, prepare_joint_logs
 from symid.identification.regression.preparation import prepare_rows
@@ -108,8 +107,8 @@ def test_settings_chosen_from_a_log_with_faults():
     validation = validate_estimate(found, LIBRARY, mended, STATED)
     assert all(entry.relative_percent < 3.0 for entry in validation.residual)
     values = found.assemble(NAMES)
-    band = predict_torques(values, LIBRARY, mended, STATED, band=5.0)
-    assert compute_band_residual(band).mean_relative_percent < 2.0
+    band = compute_band_residual(values, LIBRARY, mended, STATED, band=5.0)
+    assert band.mean_relative_percent < 2.0
     for _, residual in compute_joint_residuals(values, LIBRARY, [mended], STATED):
         assert np.abs(residual.plain).max() < 1.0
 
