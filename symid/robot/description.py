@@ -18,6 +18,7 @@ Supported: revolute (continuous too) and prismatic joints, chains and trees, joi
 Not supported: closed loops, floating bases; integral parts, coupled control loops.
 """
 
+import math
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -425,6 +426,12 @@ class Robot:
     def freedom(self) -> int:
         """Return the number of coordinates."""
         return len(self.coordinates)
+
+    @property
+    def reach(self) -> float:
+        """Return the sum of the distances from joint to joint, in m."""
+        symbols, steps = dict(self.symbols), (joint.placement.translation for joint in self.joints)
+        return sum(math.hypot(*(value.to_float(symbols) for value in step)) for step in steps)
 
     @property
     def axes(self) -> tuple[Joint, ...]:

@@ -128,6 +128,14 @@ class Policy:
         "masses of a drawing are not wrong by this factor; gears, torque constants and units are",
         "halved: drawings without covers and cables are warned of; doubled: a wrong small gear passes",
     )
+    drawing: float = _number(
+        0.15,
+        "standard deviation of bodies from those of a robot file, in parts of mass and radius of gyration; "
+        "and of what is mounted at the tip, in parts of the robot's mass and reach",
+        "published wrists have their centres off by 0.3 of that radius, payloads reach 0.4 of a robot's mass",
+        "halved: wrists and tools that are not drawn pass for wrong gears; doubled: gears that are five "
+        "times off pass where a joint carries little",
+    )
 
 
 POLICY = Policy()

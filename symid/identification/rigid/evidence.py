@@ -101,7 +101,7 @@ def collect_evidence(
         every += diagnostics.list_terms(followed, study.fit.values)
         causes = diagnostics.find_causes(followed, every, impossible=bool(impossible))
     # No cause explains another scale: one factor on all torques leaves the residual as it is.
-    for entry in compare_fit(library, study, values, covariance):
+    for entry in compare_fit(library, study, values, covariance, robot):
         if entry.is_beyond():
             size = abs(entry.ratio - 1.0)
             differs = judge.Difference(size=size, bound=size, p=0.0)
@@ -110,11 +110,12 @@ def collect_evidence(
 
 
 def compare_fit(
-    library: Library, study: SettingsStudy, values: FloatArray, covariance: FloatArray
+    library: Library, study: SettingsStudy, values: FloatArray, covariance: FloatArray, robot: Robot | None
 ) -> tuple[JointScale, ...]:
     """Return the scales of a fit's torques against the robot file, in its logs."""
-    own = slice(len(library.card.beta))
-    return compare_scales(library.card, study.logs.columns[:, :, own], values[own], covariance[own, own])
+    own, motion = slice(len(library.card.beta)), study.logs.motion
+    states, columns = (motion.q, motion.dq, motion.ddq), study.logs.columns[:, :, own]
+    return compare_scales(library.card, robot, states, columns, values[own], covariance[own, own])
 
 
 def list_joints(

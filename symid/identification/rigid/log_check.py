@@ -106,11 +106,8 @@ class JointSigns:
 
 def estimate_signs(log: StudiedLog, library: Library, robot: Robot) -> tuple[JointSigns, ...]:
     """Return shares of inertia and friction of every joint that moves."""
-    symbols, length = dict(robot.symbols), 0.0
-    for joint in robot.joints:
-        length += float(np.linalg.norm([value.to_float(symbols) for value in joint.placement.translation]))
     # Half of the distances between joints in m, which are a tenth of one at least.
-    reach = 0.5 * max(0.1, length)
+    reach = 0.5 * max(0.1, robot.reach)
     shares = diagnostics.measure_shares(library, log.motion, log.columns, log.study.fit)
     stds = np.linalg.norm(shares.changes, axis=0)
     found = []
@@ -222,7 +219,7 @@ def check_channels(log: StudiedLog, library: Library, robot: Robot) -> LogCheck:
         notices += (Notice(code="log.torque-size", text=text, file=file),)
     # Also beside others: a URDF without friction, whose efforts are currents.
     if not {"log.torque-size", "log.wrong-unit"} & {notice.code for notice in notices}:
-        notices += describe_scales(compare_fit(library, log.study, *log.fit), file, "log.effort-size")
+        notices += describe_scales(compare_fit(library, log.study, *log.fit, robot), file, "log.effort-size")
     delay: TorqueDelay | None = None
     if not notices:
         delay = estimate_torque_delay(log)

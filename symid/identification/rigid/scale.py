@@ -7,21 +7,28 @@ Values and covariance of base parameters, states -> `JointScale` of every joint 
 
 Units, gears and torque constants scale all values alike, and no residual of a fit shows it: only the masses
 of the robot file do. Parameters that the file leaves open, as those of rotors and friction, do not count.
+Bodies differ from drawings, and robots carry tools: where these may explain s, as in wrists that the file has
+balanced, nothing is said.
+
+    std(s)^2 = sum over x (Y_x' t' / t' t')^2 std(x)^2, x the ten parameters of each link, and of a payload
 
 Supported: robots any of whose base parameters is known.
 Not supported: joints whose torque has no known part, as a vertical axis with a rotor.
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from symid.arrays import FloatArray
 from symid.codegen import Library, ModelCard
+from symid.dynamics import evaluate_torque_regressor
 from symid.errors import Notice
 from symid.identification.estimators import ParameterEstimate
 from symid.identification.judge import POLICY, numerics
+from symid.notation import INERTIAL
 from symid.robot import JointKind, Robot
 
 _POSES = 200
@@ -31,32 +38,69 @@ _POSES = 200
 class JointScale:
     """How many times the torque of a joint is that of the robot file's values.
 
-    `ratio` of rms, `aligned` the part of it that is in proportion, with its standard deviation `std`.
+    `ratio` of rms, `aligned` the part of it that is in proportion, with its standard deviation `std`, and
+    `doubt`, the one by which it may differ from 1 by other bodies than the file's.
     """
 
     joint: str
     ratio: float
     aligned: float
     std: float
+    doubt: float
 
     def is_beyond(self, limit: float = POLICY.scale) -> bool:
-        """Return whether the torque surely is more than `limit` times as large or small."""
+        """Return whether the torque surely is more than `limit` times as large or small, and no body's."""
         spread = POLICY.printed * self.std
-        return abs(self.aligned) - spread > limit or (self.ratio + spread) * limit < 1.0
+        differs = abs(self.aligned - 1.0) > POLICY.printed * float(np.hypot(self.std, self.doubt))
+        return differs and (abs(self.aligned) - spread > limit or (self.ratio + spread) * limit < 1.0)
 
 
-def compare_scales(
-    card: ModelCard, columns: FloatArray, values: FloatArray, covariance: FloatArray
+class _Doubts(NamedTuple):
+    """Torques (t, n, 10) that bodies have per standard deviation from the file: of every link, of a tool."""
+
+    links: FloatArray
+    tool: FloatArray
+
+
+def _build_doubts(robot: Robot, states: Sequence[FloatArray]) -> _Doubts:
+    """Return what bodies that differ from the file's would add along q, dq and ddq (t, n)."""
+    bodies = {link: joint.inertial for link, joint in enumerate(robot.joints) if joint.inertial}
+    links = [link for link, body in bodies.items() if body[9] > 0.0]
+    columns = evaluate_torque_regressor(robot, [(link, name) for link in links for name in INERTIAL], *states)
+    table = np.array([bodies[link] for link in links]).reshape(-1, len(INERTIAL))
+    mass = table[:, 9]
+    # The radius of gyration about the origin of the link's frame.
+    radius = np.sqrt(0.5 * (table[:, 0] + table[:, 3] + table[:, 5]) / mass)
+    tool, lever = POLICY.drawing * mass.sum(), POLICY.drawing * robot.reach
+    sizes = [POLICY.drawing * m * r**_POWERS for m, r in zip(mass, radius, strict=True)]
+    return _Doubts(
+        columns * np.concatenate([*sizes, np.zeros(0)]),
+        columns[:, :, -len(INERTIAL) :] * (tool * lever**_POWERS)[: columns.shape[2]],
+    )
+
+
+_POWERS = np.repeat([2, 1, 0], [6, 3, 1])
+"""Of a length in the ten parameters of a body: inertia, first moments, mass."""
+
+
+def compare_scales(  # noqa: PLR0917 - a fit, its states and its robot
+    card: ModelCard,
+    robot: Robot | None,
+    states: Sequence[FloatArray] | FloatArray,
+    columns: FloatArray,
+    values: FloatArray,
+    covariance: FloatArray,
 ) -> tuple[JointScale, ...]:
     """Return the scales of the joints whose torque has a known part.
 
-    `columns` (t, n, b) of base parameters; their `values` (b,), NaN where not identified, with `covariance`.
+    `columns` (t, n, b) of base parameters along the states q, dq and ddq (t, n); their `values` (b,), NaN
+    where not identified, with `covariance`. Without the robot no bodies but the file's are thought of.
     """
     file = np.array([np.nan if entry.value is None else entry.value for entry in card.beta])
     known = np.isfinite(file) & np.isfinite(values)
     whole = columns @ np.nan_to_num(values)
     mine, theirs = (columns[:, :, known] @ entry[known] for entry in (values, file))
-    found = []
+    found, slopes = list[JointScale](), np.zeros((len(card.joints), int(known.sum())))
     for joint, entry in enumerate(card.joints):
         t, other = mine[:, joint], theirs[:, joint]
         sizes = [float(np.linalg.norm(part)) for part in (t, other, whole[:, joint])]
@@ -68,9 +112,22 @@ def compare_scales(
             continue
         slope = columns[:, joint, known].T @ other / sizes[1] ** 2
         spread = float(np.sqrt(max(slope @ covariance[np.ix_(known, known)] @ slope, 0.0)))
-        aligned = float(other @ t) / sizes[1] ** 2
-        found.append(JointScale(joint=entry.name, ratio=sizes[0] / sizes[1], aligned=aligned, std=spread))
-    return tuple(found)
+        aligned, ratio = float(other @ t) / sizes[1] ** 2, sizes[0] / sizes[1]
+        slopes[joint] = slope
+        found.append(JointScale(joint=entry.name, ratio=ratio, aligned=aligned, std=spread, doubt=0.0))
+    far = [max(entry.ratio, 1.0 / max(entry.ratio, numerics.TINY)) ** 2 > POLICY.scale for entry in found]
+    if robot is None or not any(far):
+        return tuple(found)
+    # Some states are enough for what takes the parameters of links to those of the model.
+    some = slice(None, None, max(1, len(columns) // _POSES))
+    links, tool = _build_doubts(robot, [np.ascontiguousarray(part[some]) for part in states])
+    table = columns[some].reshape(-1, len(card.beta))
+    grouped = np.linalg.lstsq(table, np.concatenate([links, tool], axis=2).reshape(len(table), -1))[0]
+    parts = {card.joints[joint].name: slope @ grouped[known] for joint, slope in enumerate(slopes)}
+    # A tool adds to a torque, and takes nothing off.
+    ends = [None if scale.ratio > 1.0 else links.shape[2] for scale in found]
+    sizes = [float(np.linalg.norm(parts[scale.joint][:end])) for scale, end in zip(found, ends, strict=True)]
+    return tuple(replace(scale, doubt=size) for scale, size in zip(found, sizes, strict=True))
 
 
 def compare_fit_scales(  # noqa: PLR0917 - a fit, its states and its robot
@@ -100,7 +157,7 @@ def compare_fit_scales(  # noqa: PLR0917 - a fit, its states and its robot
         q = draw.uniform(low, high, (_POSES, len(spans)))
         states = np.stack([q, *draw.standard_normal((2, _POSES, len(spans)))])
     (columns,) = library.evaluate("torque_regressor", *states)
-    return compare_scales(library.card, columns, found, spreads)
+    return compare_scales(library.card, robot, states, columns, found, spreads)
 
 
 def describe_scales(scales: Sequence[JointScale], file: str, code: str) -> tuple[Notice, ...]:
