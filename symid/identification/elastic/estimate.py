@@ -29,7 +29,7 @@ from symid.identification.estimators import DynamicsRecord, Residual
 from symid.identification.hysteresis import (
     differentiate_spring,
 )
-from symid.identification.judge import POLICY, numerics
+from symid.identification.judge import POLICY, compute_chance, numerics
 from symid.identification.regression import RankRule, compute_spectrum
 from symid.ipopt import Ending
 from symid.joint_models import NO_FRICTION, Elasticity, find_most_slope, get_law
@@ -336,8 +336,9 @@ def measure_spring_spread(
 ) -> tuple[float, float]:
     """Return the deviation of a spring's torque, rms over the rows, and that of its slope.
 
-    What is left of a row and of one five time constants of the filter later has no noise in common: their
-    mean product is the square of what no value of the spring explains, an error of its torque as well.
+    What is left of a row of hardly filtered states, and of one two time constants of its filter later, has no
+    noise in common: their mean product is the square of what no value of the spring explains, an error of its
+    torque as well.
     The slope is the largest one, of springs without branches that near zero.
 
     Of every recording, `compute` returns F[torque] (M,) of another spring, `columns` (M, p) are those of the
@@ -354,13 +355,12 @@ def measure_spring_spread(
     owner = np.repeat(np.arange(len(errors)), [len(error) for error in errors])
     scores, _ = sum_block_scores(scaled, np.concatenate(errors), owner, STRETCHES)
     spread = carried @ covariance @ carried.T + inverse @ scores @ inverse
-    apart = round(5.0 * regression.ROWS)
-    shared = np.concatenate([error[apart:] * error[:-apart] for error in errors])
-    lacking = float(shared.mean()) if len(shared) else 0.0
-    # By chance that is as large as the squares over the root of the number of independent rows.
-    squares = float(np.mean(np.concatenate(errors) ** 2))
-    if lacking < POLICY.printed * squares * math.sqrt(regression.ROWS / max(len(shared), 1)):
-        lacking = 0.0
+    apart = round(2.0 * regression.ROWS)
+    products = [error[apart:] * error[:-apart] for error in errors]
+    shared = np.concatenate([np.zeros(1), *products])
+    # What differs from zero by chance only is no error.
+    means = np.array([part.mean() for part in np.array_split(shared, STRETCHES) if len(part)])
+    lacking = max(0.0, float(shared.mean())) if compute_chance(means) < POLICY.alarm else 0.0
     torque = float(np.sqrt(np.mean(np.einsum("ij,jk,ik->i", scaled, spread, scaled)) + lacking))
     way = slopes / lengths
     # States are filtered, which rounds the corner at a reversal, where the slope is that near zero. Changes

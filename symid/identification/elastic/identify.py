@@ -23,7 +23,7 @@ from symid.errors import IdentifiabilityError, Notice, UsageError, shorten_names
 from symid.identification.diagnostics import build_warning, warn_of_mass_matrix
 from symid.identification.elastic import effects, estimate, methods, regression
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
-from symid.identification.elastic.together import compute_spring_torques, filter_spring
+from symid.identification.elastic.together import calm_torsions, compute_spring_torques, filter_spring
 from symid.identification.estimators import FittedLaw, Residual, list_parameters
 from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import check_joints, warn_of_energy
@@ -41,6 +41,7 @@ def _list_springs(
     """Yield the spring of every elastic joint, and how far it was excited."""
     problem, count = work.problem, work.problem.sizes[0]
     card, signals = problem.library.card, problem.signals
+    wide = calm_torsions(work.wide, problem, fit)
     covariance = np.asarray(fit.covariance)[:count, :count] if fit.covariance is not None else np.zeros(0)
     for joint, (entry, elasticity) in enumerate(zip(card.joints, fit.elasticity, strict=True)):
         if not problem.gives[joint]:
@@ -53,12 +54,12 @@ def _list_springs(
         torque_std, slope_std = None, None
         # Sums of parameters that cannot be told apart have deviations that are not kept.
         if joint not in refused and fit.covariance is not None and np.all(np.isfinite(covariance)):
-            link = [rows.compute_link_side(fit.chi)[:, joint] for rows in problem.filtered]
-            own = filter_spring(problem, elasticity, joint)
+            link = [rows.compute_link_side(fit.chi)[:, joint] for rows in wide.filtered]
+            own = filter_spring(wide, elasticity, joint)
             torque_std, slope_std = estimate.measure_spring_spread(
                 elasticity,
-                partial(filter_spring, problem, joint=joint),
-                [rows.design[:, joint, :count] for rows in problem.filtered],
+                partial(filter_spring, wide, joint=joint),
+                [rows.design[:, joint, :count] for rows in wide.filtered],
                 [passed - part for passed, part in zip(link, own, strict=True)],
                 covariance,
             )

@@ -6,7 +6,7 @@
 
 Rows are the sum of motor and link equations in a band. Every fold leaves a stretch of time out, springs held
 as they are. Of the methods that do not predict worse than the best one, surely and by what matters, that of
-the smallest deviations is taken. Methods that rest on springs, the one-shot problem and the simultaneous one
+the smallest relative deviations, rms, is taken. Methods that rest on springs, the one-shot problem and the simultaneous one
 that takes its place for springs of other kinds, must first agree with the weighted elimination, of covariance
 C_w (Hausman 1978), up to what does not matter; friction near rest is not the same in their rows. What is
 left of a contradiction widens their deviations.
@@ -41,7 +41,7 @@ Maker = Callable[[regression.ElasticProblem], estimate.MethodFit]
 
 
 class MethodCandidate(NamedTuple):
-    """A method: its chi (p + n + pf,) without the rows of a fold, its relative deviations, their mean."""
+    """A method: its chi (p + n + pf,) without the rows of a fold, and its relative deviations, rms."""
 
     refit: Callable[[int], FloatArray]
     spread: float
@@ -284,9 +284,9 @@ def build_candidate(work: ElasticEquations, fit: estimate.MethodFit) -> MethodCa
         # The same equations, not weighted by their noise, cannot be surer (Gauss and Markov).
         rivals.append(replace(fit, covariance=work.band.covariance))
     relative = np.array([compute_relative_deviations(work, rival) for rival in rivals])
-    # The mean of the logarithms: one parameter that all methods know badly does not hide the others.
-    sizes = np.maximum(np.max(relative[:, work.identifiable], axis=0, initial=0.0), numerics.TINY)
-    spread = math.exp(np.mean(np.log(sizes))) if len(sizes) else 0.0
+    # What is expected of all errors: a rotor that one method hardly tells from its link counts.
+    sizes = np.max(relative[:, work.identifiable], axis=0, initial=0.0)
+    spread = float(np.linalg.norm(sizes)) / math.sqrt(max(1, len(sizes)))
     count = len(fit.chi)
     offset = np.zeros(count)
     if fit.method in SPRUNG_METHODS:
