@@ -42,7 +42,9 @@ def _list_springs(
     problem, count = work.problem, work.problem.sizes[0]
     card, signals = problem.library.card, problem.signals
     wide = calm_torsions(work.wide, problem, fit)
-    covariance = np.asarray(fit.covariance)[:count, :count] if fit.covariance is not None else np.zeros(0)
+    # What rows show, and the whole; sums of parameters that cannot be told apart have none.
+    spreads = [part[:count, :count] for part in (fit.shown, fit.covariance) if part is not None]
+    finite = len(spreads) == 2 and bool(np.all(np.isfinite(spreads)))
     for joint, (entry, elasticity) in enumerate(zip(card.joints, fit.elasticity, strict=True)):
         if not problem.gives[joint]:
             continue
@@ -52,8 +54,7 @@ def _list_springs(
         span = max(float(np.ptp(part)) for part in phi)
         slipped = [stop.threshold for stop in elasticity.stops if 2.0 * stop.threshold <= span]
         torque_std, slope_std = None, None
-        # Sums of parameters that cannot be told apart have deviations that are not kept.
-        if joint not in refused and fit.covariance is not None and np.all(np.isfinite(covariance)):
+        if joint not in refused and finite:
             link = [rows.compute_link_side(fit.chi)[:, joint] for rows in wide.filtered]
             own = filter_spring(wide, elasticity, joint)
             torque_std, slope_std = estimate.measure_spring_spread(
@@ -61,7 +62,8 @@ def _list_springs(
                 partial(filter_spring, wide, joint=joint),
                 [rows.design[:, joint, :count] for rows in wide.filtered],
                 [passed - part for passed, part in zip(link, own, strict=True)],
-                covariance,
+                spreads[1],
+                shown=spreads[0],
             )
         yield estimate.SpringEstimate(
             joint=entry.name,

@@ -6,10 +6,10 @@
 
 Rows are the sum of motor and link equations in a band. Every fold leaves a stretch of time out, springs held
 as they are. Of the methods that do not predict worse than the best one, surely and by what matters, that of
-the smallest relative deviations, rms, is taken. Methods that rest on springs, the one-shot problem and the simultaneous one
-that takes its place for springs of other kinds, must first agree with the weighted elimination, of covariance
-C_w (Hausman 1978), up to what does not matter; friction near rest is not the same in their rows. What is
-left of a contradiction widens their deviations.
+the smallest relative deviations, rms, is taken. Methods that rest on springs, the one-shot problem and the
+simultaneous one that takes its place for springs of other kinds, must first agree with the weighted
+elimination, of covariance C_w (Hausman 1978), up to what does not matter; friction near rest is not the same
+in their rows. What is left of a contradiction widens their deviations.
 
 Not supported: springs of other kinds inside the one-shot problem.
 """
@@ -497,7 +497,7 @@ def _add_model_error(work: ElasticEquations, fit: estimate.MethodFit) -> estimat
     variances[: len(kinds)] = estimate.MODEL_ERROR**2 * (values**2 + sizes**2)
     variances[~np.isnan(work.problem.known)] = 0.0
     plain = fit.covariance if fit.plain is None else fit.plain
-    return replace(fit, covariance=fit.covariance + np.diag(variances), plain=plain)
+    return replace(fit, covariance=fit.covariance + np.diag(variances), shown=fit.covariance, plain=plain)
 
 
 def choose_springs(
