@@ -278,7 +278,7 @@ MODEL_ERROR = 5e-4
 of other simulators, where no noise explained as much."""
 _TORQUE_ERROR = MODEL_ERROR / 2.0
 """Of a spring's torque, the same: parameters take up what their columns are off by. Measured along the true
-torsion on arms of five foreign truths, where 2.2e-4 to 2.8e-4 suited all."""
+torsion on arms of five foreign truths: 1e-4 to 4e-4."""
 _RULE = RankRule()
 
 
@@ -351,6 +351,8 @@ def measure_spring_spread(
     links' parameters, `errors` (M,) what the spring leaves; N m or N. `covariance` (p, p) is finite, `shown`
     what rows show of it: columns that are off move parameters, and hardly the torque that they give.
     """
+    # A constant is of an encoder's zero.
+    errors = [error - error.mean() if len(error) else error for error in errors]
     whole = differentiate_spring(spring, lambda moved: np.concatenate(compute(moved)))
     slopes = differentiate_spring(spring, lambda moved: np.array([_get_slope(moved)]))[0]
     lengths: FloatArray = np.linalg.norm(whole, axis=0)
@@ -362,7 +364,7 @@ def measure_spring_spread(
     owner = np.repeat(np.arange(len(errors)), [len(error) for error in errors])
     scores, _ = sum_block_scores(scaled, np.concatenate(errors), owner, STRETCHES)
     noise = inverse @ scores @ inverse
-    spread, whole = (carried @ part @ carried.T + noise for part in (shown, covariance))
+    spread, full = (carried @ part @ carried.T + noise for part in (shown, covariance))
     apart = round(2.0 * regression.ROWS)
     products = [error[apart:] * error[:-apart] for error in errors]
     shared = np.concatenate([np.zeros(1), *products])
@@ -378,7 +380,7 @@ def measure_spring_spread(
     soon = POLICY.relevance * max(float(np.max(np.abs(part))) for part in compute(spring))
     bent = sum(abs(knee.slope) for knee in spring.knees if abs(knee.threshold) < soon) / 2.0
     fixed = np.hypot(MODEL_ERROR, bent) * abs(_get_slope(spring))
-    return torque, float(np.hypot(fixed, np.sqrt(max(0.0, float(way @ whole @ way)))))
+    return torque, float(np.hypot(fixed, np.sqrt(max(0.0, float(way @ full @ way)))))
 
 
 def _get_slope(spring: Elasticity) -> float:

@@ -260,6 +260,12 @@ def test_deviations_of_torque_and_slope_are_those_of_many_fits():
     found = measure_spring_spread(
         truth, lambda spring: [follow(spring)], [LEVER[:, None]], [errors], spread, shown=spread
     )
+    # A constant is a zero of an encoder, not of the spring.
+    assert found == pytest.approx(
+        measure_spring_spread(
+            truth, lambda spring: [follow(spring)], [LEVER[:, None]], [errors + 0.5], spread, shown=spread
+        )
+    )
     assert torque < found[0] < 1.8 * torque
     assert 0.8 * slope < found[1] < 2.5 * slope
     # What follows the motion, and no value of the spring explains, is an error of its torque, too.
