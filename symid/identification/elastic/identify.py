@@ -270,9 +270,10 @@ def prepare_methods(
         found = effects.choose_laws(library, *given, candidates=effects.MOTOR_LAWS if adopt else ())
         if found.laws or found.drifting:
             adopted = adopt(found.laws) if adopt is not None and found.laws else library
-            steady = [
-                _take_off(*pair) for pair in zip(recordings, work.wide.signals, found.drift, strict=True)
-            ]
+            steady = []
+            for log, part, drift in zip(recordings, work.wide.signals, found.drift, strict=True):
+                change = [np.interp(log.time, part.time, column) for column in drift.T]
+                steady.append(replace(log, torque=log.torque - np.column_stack(change)))
             work = _build_equations(adopted, steady, options, found.beta)
 
     @cache
@@ -324,12 +325,6 @@ def prepare_methods(
         return replace(result, laws=found.laws, evidence=evidence, notices=notices)
 
     return identify
-
-
-def _take_off(recording: Recording, signals: regression.ElasticSignals, drift: FloatArray) -> Recording:
-    """Return a recording without the drift (N, n) of its friction, N m or N, at the times of its signals."""
-    change = [np.interp(recording.time, signals.time, column) for column in drift.T]
-    return replace(recording, torque=recording.torque - np.column_stack(change))
 
 
 def _tell_friction(

@@ -516,12 +516,10 @@ def choose_springs(
     stated = options.thresholds is not None or options.knee_torques is not None
     if stated or not (options.stops or options.knees):
         return fit, tuple(kinds)
-    loads = [drive_effects.compute_link_torque(problem.library, part, fit.beta) for part in problem.signals]
-    for joint, (card, known) in enumerate(zip(cards, springs, strict=False)):
-        if joint in hidden or not problem.gives[joint]:
+    for joint, rows in drive_effects.list_joint_rows(problem.library, problem.signals, fit.beta):
+        if joint in hidden:
             continue
         # Torsion and torque of all recordings, one after the other, and the samples that count.
-        rows = drive_effects.build_joint_rows(problem.signals, loads, joint)
         phi, torque = (np.concatenate([getattr(part, name) for part in rows]) for name in ("phi", "torque"))
         velocity = np.concatenate([differentiate_smooth(part.phi, part.period) for part in rows])
         period = np.concatenate([np.full(len(part.phi), part.period) for part in rows])
@@ -531,14 +529,14 @@ def choose_springs(
             kept[start + part.kept.start : start + part.kept.stop] = True
         path = ElementPath(position=phi, velocity=velocity, period=period, begins=tuple(begins[:-1]))
         speed = np.concatenate([differentiate_smooth(part.theta - part.phi, part.period) for part in rows])
-        spring, name, left, before = choose_spring(path, torque, kept, known, speed)
+        spring, name, left, before = choose_spring(path, torque, kept, springs[joint], speed)
         if not name:
             continue
         # Stops are no other kind.
         springs[joint], kinds[joint] = spring, "" if name == "stops" else name
         text = (
-            f"joint {card.name!r}: a spring of another kind was taken: {name}. Its held-out residual is "
-            f"{left:.2g} % of the joint torque, that of stops and knees {before:.2g} % where fitted"
+            f"joint {cards[joint].name!r}: a spring of another kind was taken: {name}. Its held-out residual "
+            f"is {left:.2g} % of the joint torque, that of stops and knees {before:.2g} % where fitted"
         )
         notices.append(Notice(code="elastic.spring-kind", text=text))
     return replace(fit, elasticity=tuple(springs), notices=(*fit.notices, *notices)), tuple(kinds)
