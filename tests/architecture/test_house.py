@@ -11,7 +11,7 @@ MOST = {
     "lines": 85_779,
     "imports inside functions": 82,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
-    "lines of tests": 60_647,  # Faults of samples, and plants of the judge, are tested on their own.
+    "lines of tests": 60_707,  # Faults of samples, and plants of the judge, are tested on their own.
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }

@@ -526,10 +526,7 @@ class JointRows(NamedTuple):
 def list_joint_rows(
     library: Library, signals: Sequence[ElasticSignals], beta: FloatArray, *, turns: bool = False
 ) -> Iterator[tuple[int, list[JointRows]]]:
-    """Yield elastic joints, each with the recordings in which it is bent well, if any.
-
-    Or `turns` well, as errors over its angle ask. The links have the base parameters `beta` (p,).
-    """
+    """Yield elastic joints and the recordings that bend, or turn, them well; `beta` (p,) are the links'."""
     loads = [compute_link_torque(library, part, beta) for part in signals]
     for joint in np.flatnonzero(library.card.yielding).tolist():
         spans, rows = [float(np.ptp((part.theta if turns else part.phi)[:, joint])) for part in signals], []

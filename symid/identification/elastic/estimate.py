@@ -26,9 +26,7 @@ from symid.errors import Notice
 from symid.identification.diagnostics import sum_block_scores
 from symid.identification.elastic import regression
 from symid.identification.estimators import DynamicsRecord, Residual
-from symid.identification.hysteresis import (
-    differentiate_spring,
-)
+from symid.identification.hysteresis import differentiate_spring
 from symid.identification.judge import POLICY, compute_chance, numerics
 from symid.identification.regression import RankRule, compute_spectrum
 from symid.ipopt import Ending

@@ -55,13 +55,12 @@ def _list_springs(
         slipped = [stop.threshold for stop in elasticity.stops if 2.0 * stop.threshold <= span]
         torque_std, slope_std = None, None
         if joint not in refused and finite:
-            link = [rows.compute_link_side(fit.chi)[:, joint] for rows in wide.filtered]
-            own = filter_spring(wide, elasticity, joint)
+            sides = zip(wide.filtered, filter_spring(wide, elasticity, joint), strict=True)
             torque_std, slope_std = estimate.measure_spring_spread(
                 elasticity,
                 partial(filter_spring, wide, joint=joint),
                 [rows.design[:, joint, :count] for rows in wide.filtered],
-                [passed - part for passed, part in zip(link, own, strict=True)],
+                [rows.compute_link_side(fit.chi)[:, joint] - own for rows, own in sides],
                 spreads[1],
                 shown=spreads[0],
             )

@@ -510,9 +510,8 @@ def choose_springs(
     the kinds, one a joint, are empty where the springs were kept.
     """
     problem, springs, notices = work.problem, list(fit.elasticity), []
-    cards = problem.library.card.joints
+    cards, options = problem.library.card.joints, problem.options
     kinds = [""] * len(cards)
-    options = problem.options
     stated = options.thresholds is not None or options.knee_torques is not None
     if stated or not (options.stops or options.knees):
         return fit, tuple(kinds)

@@ -178,12 +178,11 @@ def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]
             plays = np.stack([compute_plays(part, radii) for part in torque.T], axis=1)
             direction = np.tanh(rows.speed / width)
             even = np.abs(torque), torque**2
-            # Loops of a spring of two stiffnesses are wider on one side: plays have even parts, too.
-            loops = plays, np.abs(plays)
             # Dampers beside springs follow the change of the torque.
             motion = rows.acceleration, differentiate(torque, log.period)
             plain = (gravity, torque - gravity, *even, torque**3, direction, *motion)
-            columns.append(np.concatenate([np.stack(plain, axis=2), *loops], axis=2))
+            # Loops of a spring of two stiffnesses are wider on one side: plays have even parts, too.
+            columns.append(np.concatenate([np.stack(plain, axis=2), plays, np.abs(plays)], axis=2))
         found = estimate_alignment(recordings, columns)
         offsets = np.nan_to_num(found.offsets, nan=0.0)
         change = max(float(np.max(np.abs(offsets - used))), abs(found.delay - delay))
