@@ -11,7 +11,6 @@ if TYPE_CHECKING:
     from symid.identification.elastic.estimate import (
         ElasticEstimate as ElasticEstimate,
         ElasticEvidence as ElasticEvidence,
-        HistoryEntry as HistoryEntry,
         MethodFit as MethodFit,
         SpringEstimate as SpringEstimate,
         build_method_fit as build_method_fit,

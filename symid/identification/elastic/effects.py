@@ -449,11 +449,9 @@ eight other kinds gave 1.07 at most, discs that are off by a thirtieth of the to
 def measure_gears(library: Library, signals: Sequence[ElasticSignals], beta: FloatArray) -> Effects:
     """Return the kinematic errors of the gears, given the links' base parameters (p,)."""
     found: list[DriveEffect] = []
-    loads = [compute_link_torque(library, part, beta) for part in signals]
-    for joint, gives in enumerate(library.card.yielding):
-        rows = build_joint_rows(signals, loads, joint, turns=True) if gives else []
+    for joint, rows in list_joint_rows(library, signals, beta, turns=True):
         own: list[DriveEffect] = []
-        for _ in range(numerics.ROUNDS if rows else 0):
+        for _ in range(numerics.ROUNDS):
             _, errors = _fit_gear(rows, own)
             theta = np.concatenate([part.theta[part.kept] for part in rows])
             order = _find_order(theta, np.concatenate(errors))
@@ -490,9 +488,7 @@ def measure_link_friction(library: Library, signals: Sequence[ElasticSignals], b
     the links is that of the spring, less their friction.
     """
     found = []
-    loads = [compute_link_torque(library, part, beta) for part in signals]
-    for joint, gives in enumerate(library.card.yielding):
-        rows = build_joint_rows(signals, loads, joint, turns=True) if gives else []
+    for joint, rows in list_joint_rows(library, signals, beta, turns=True):
         before, after, values = list[FloatArray](), list[FloatArray](), list[tuple[float, float]]()
         for part in rows:
             rate, speed = (
@@ -506,7 +502,7 @@ def measure_link_friction(library: Library, signals: Sequence[ElasticSignals], b
             # Infinite where a joint does not move enough; zero would be no noise at all.
             variance = max(float(compute_covariance(whole, after[-1])[-1, -1]), numerics.TINY)
             values.append((float(weights[-1]), variance))
-        if not rows or min(value for value, _ in values) < 0.0:
+        if min(value for value, _ in values) < 0.0:
             continue
         gain, information = _compare_errors(before, after), sum(1.0 / variance for _, variance in values)
         if information > 0.0 and gain.p_of_all < POLICY.alarm and gain.fall_of_all > _WAVE:
@@ -527,19 +523,22 @@ class JointRows(NamedTuple):
     cutoff: float
 
 
-def build_joint_rows(
-    signals: Sequence[ElasticSignals], loads: Sequence[FloatArray], joint: int, *, turns: bool = False
-) -> list[JointRows]:
-    """Return the recordings in which a joint is bent well; or `turns` well, as errors over its angle ask."""
-    spans, rows = [float(np.ptp((part.theta if turns else part.phi)[:, joint])) for part in signals], []
-    for part, load, span in zip(signals, loads, spans, strict=True):
-        edge = count_edge(part.period, part.cutoff)
-        step = max(1, round(0.5 / (part.cutoff * part.period))) if part.cutoff else 1
-        kept = slice(max(edge, part.settled), len(part.time) - edge, step)
-        if span > MOVES * max(spans) and kept.start < kept.stop:
-            theta, phi, torque = (values[:, joint] for values in (part.theta, part.phi, load))
-            rows.append(JointRows(theta, phi, torque, kept, part.period, part.cutoff))
-    return rows
+def list_joint_rows(
+    library: Library, signals: Sequence[ElasticSignals], beta: FloatArray, *, turns: bool = False
+) -> Iterator[tuple[int, list[JointRows]]]:
+    """Yield elastic joints and the recordings that bend, or turn, them well; `beta` (p,) are the links'."""
+    loads = [compute_link_torque(library, part, beta) for part in signals]
+    for joint in np.flatnonzero(library.card.yielding).tolist():
+        spans, rows = [float(np.ptp((part.theta if turns else part.phi)[:, joint])) for part in signals], []
+        for part, load, span in zip(signals, loads, spans, strict=True):
+            edge = count_edge(part.period, part.cutoff)
+            step = max(1, round(0.5 / (part.cutoff * part.period))) if part.cutoff else 1
+            kept = slice(max(edge, part.settled), len(part.time) - edge, step)
+            if span > MOVES * max(spans) and kept.start < kept.stop:
+                theta, phi, torque = (values[:, joint] for values in (part.theta, part.phi, load))
+                rows.append(JointRows(theta, phi, torque, kept, part.period, part.cutoff))
+        if rows:
+            yield joint, rows
 
 
 _STEPS = 3
@@ -585,14 +584,11 @@ def measure_eccentricity(library: Library, signals: Sequence[ElasticSignals], be
     share that such springs never reach. Deviations are open.
     """
     found: list[DriveEffect] = []
-    loads = [compute_link_torque(library, part, beta) for part in signals]
-    for joint, card in enumerate(library.card.joints):
-        turns = library.card.yielding[joint] and card.kind == "revolute"
+    for joint, rows in list_joint_rows(library, signals, beta, turns=True):
         torsion = np.concatenate([part.phi[:, joint] for part in signals])
         # Where the link's zero is not known, it is turned, and the wave is that of wrong gravity.
         turned = abs(float(np.mean(torsion))) > float(np.ptp(torsion))
-        rows = build_joint_rows(signals, loads, joint, turns=True) if turns and not turned else []
-        if not rows:
+        if turned or library.card.joints[joint].kind != "revolute":
             continue
         # Waves are as long as the motion, and springs answer with all they have: they are fitted each time.
         size = max(float(np.std(part.phi)) for part in rows)

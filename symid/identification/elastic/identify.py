@@ -23,7 +23,7 @@ from symid.errors import IdentifiabilityError, Notice, UsageError, shorten_names
 from symid.identification.diagnostics import build_warning, warn_of_mass_matrix
 from symid.identification.elastic import effects, estimate, methods, regression
 from symid.identification.elastic.options import ElasticOptions, NlpOptions
-from symid.identification.elastic.together import compute_spring_torques, filter_spring
+from symid.identification.elastic.together import calm_torsions, compute_spring_torques, filter_spring
 from symid.identification.estimators import FittedLaw, Residual, list_parameters
 from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import check_joints, warn_of_energy
@@ -41,7 +41,10 @@ def _list_springs(
     """Yield the spring of every elastic joint, and how far it was excited."""
     problem, count = work.problem, work.problem.sizes[0]
     card, signals = problem.library.card, problem.signals
-    covariance = np.asarray(fit.covariance)[:count, :count] if fit.covariance is not None else np.zeros(0)
+    wide = calm_torsions(work.wide, problem, fit)
+    # What rows show, and the whole; sums of parameters that cannot be told apart have none.
+    spreads = [part[:count, :count] for part in (fit.shown, fit.covariance) if part is not None]
+    finite = len(spreads) == 2 and bool(np.all(np.isfinite(spreads)))
     for joint, (entry, elasticity) in enumerate(zip(card.joints, fit.elasticity, strict=True)):
         if not problem.gives[joint]:
             continue
@@ -51,16 +54,15 @@ def _list_springs(
         span = max(float(np.ptp(part)) for part in phi)
         slipped = [stop.threshold for stop in elasticity.stops if 2.0 * stop.threshold <= span]
         torque_std, slope_std = None, None
-        # Sums of parameters that cannot be told apart have deviations that are not kept.
-        if joint not in refused and fit.covariance is not None and np.all(np.isfinite(covariance)):
-            link = [rows.compute_link_side(fit.chi)[:, joint] for rows in problem.filtered]
-            own = filter_spring(problem, elasticity, joint)
+        if joint not in refused and finite:
+            sides = zip(wide.filtered, filter_spring(wide, elasticity, joint), strict=True)
             torque_std, slope_std = estimate.measure_spring_spread(
                 elasticity,
-                partial(filter_spring, problem, joint=joint),
-                [rows.design[:, joint, :count] for rows in problem.filtered],
-                [passed - part for passed, part in zip(link, own, strict=True)],
-                covariance,
+                partial(filter_spring, wide, joint=joint),
+                [rows.design[:, joint, :count] for rows in wide.filtered],
+                [rows.compute_link_side(fit.chi)[:, joint] - own for rows, own in sides],
+                spreads[1],
+                shown=spreads[0],
             )
         yield estimate.SpringEstimate(
             joint=entry.name,
@@ -267,9 +269,10 @@ def prepare_methods(
         found = effects.choose_laws(library, *given, candidates=effects.MOTOR_LAWS if adopt else ())
         if found.laws or found.drifting:
             adopted = adopt(found.laws) if adopt is not None and found.laws else library
-            steady = [
-                _take_off(*pair) for pair in zip(recordings, work.wide.signals, found.drift, strict=True)
-            ]
+            steady = []
+            for log, part, drift in zip(recordings, work.wide.signals, found.drift, strict=True):
+                change = [np.interp(log.time, part.time, column) for column in drift.T]
+                steady.append(replace(log, torque=log.torque - np.column_stack(change)))
             work = _build_equations(adopted, steady, options, found.beta)
 
     @cache
@@ -321,12 +324,6 @@ def prepare_methods(
         return replace(result, laws=found.laws, evidence=evidence, notices=notices)
 
     return identify
-
-
-def _take_off(recording: Recording, signals: regression.ElasticSignals, drift: FloatArray) -> Recording:
-    """Return a recording without the drift (N, n) of its friction, N m or N, at the times of its signals."""
-    change = [np.interp(recording.time, signals.time, column) for column in drift.T]
-    return replace(recording, torque=recording.torque - np.column_stack(change))
 
 
 def _tell_friction(

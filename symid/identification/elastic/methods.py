@@ -6,10 +6,10 @@
 
 Rows are the sum of motor and link equations in a band. Every fold leaves a stretch of time out, springs held
 as they are. Of the methods that do not predict worse than the best one, surely and by what matters, that of
-the smallest deviations is taken. Methods that rest on springs, the one-shot problem and the simultaneous one
-that takes its place for springs of other kinds, must first agree with the weighted elimination, of covariance
-C_w (Hausman 1978), up to what does not matter; friction near rest is not the same in their rows. What is
-left of a contradiction widens their deviations.
+the smallest relative deviations, rms, is taken. Methods that rest on springs, the one-shot problem and the
+simultaneous one that takes its place for springs of other kinds, must first agree with the weighted
+elimination, of covariance C_w (Hausman 1978), up to what does not matter; friction near rest is not the same
+in their rows. What is left of a contradiction widens their deviations.
 
 Not supported: springs of other kinds inside the one-shot problem.
 """
@@ -41,7 +41,7 @@ Maker = Callable[[regression.ElasticProblem], estimate.MethodFit]
 
 
 class MethodCandidate(NamedTuple):
-    """A method: its chi (p + n + pf,) without the rows of a fold, its relative deviations, their mean."""
+    """A method: its chi (p + n + pf,) without the rows of a fold, and its relative deviations, rms."""
 
     refit: Callable[[int], FloatArray]
     spread: float
@@ -284,9 +284,9 @@ def build_candidate(work: ElasticEquations, fit: estimate.MethodFit) -> MethodCa
         # The same equations, not weighted by their noise, cannot be surer (Gauss and Markov).
         rivals.append(replace(fit, covariance=work.band.covariance))
     relative = np.array([compute_relative_deviations(work, rival) for rival in rivals])
-    # The mean of the logarithms: one parameter that all methods know badly does not hide the others.
-    sizes = np.maximum(np.max(relative[:, work.identifiable], axis=0, initial=0.0), numerics.TINY)
-    spread = math.exp(np.mean(np.log(sizes))) if len(sizes) else 0.0
+    # What is expected of all errors: a rotor that one method hardly tells from its link counts.
+    sizes = np.max(relative[:, work.identifiable], axis=0, initial=0.0)
+    spread = float(np.linalg.norm(sizes)) / math.sqrt(max(1, len(sizes)))
     count = len(fit.chi)
     offset = np.zeros(count)
     if fit.method in SPRUNG_METHODS:
@@ -497,7 +497,7 @@ def _add_model_error(work: ElasticEquations, fit: estimate.MethodFit) -> estimat
     variances[: len(kinds)] = estimate.MODEL_ERROR**2 * (values**2 + sizes**2)
     variances[~np.isnan(work.problem.known)] = 0.0
     plain = fit.covariance if fit.plain is None else fit.plain
-    return replace(fit, covariance=fit.covariance + np.diag(variances), plain=plain)
+    return replace(fit, covariance=fit.covariance + np.diag(variances), shown=fit.covariance, plain=plain)
 
 
 def choose_springs(
@@ -510,18 +510,15 @@ def choose_springs(
     the kinds, one a joint, are empty where the springs were kept.
     """
     problem, springs, notices = work.problem, list(fit.elasticity), []
-    cards = problem.library.card.joints
+    cards, options = problem.library.card.joints, problem.options
     kinds = [""] * len(cards)
-    options = problem.options
     stated = options.thresholds is not None or options.knee_torques is not None
     if stated or not (options.stops or options.knees):
         return fit, tuple(kinds)
-    loads = [drive_effects.compute_link_torque(problem.library, part, fit.beta) for part in problem.signals]
-    for joint, (card, known) in enumerate(zip(cards, springs, strict=False)):
-        if joint in hidden or not problem.gives[joint]:
+    for joint, rows in drive_effects.list_joint_rows(problem.library, problem.signals, fit.beta):
+        if joint in hidden:
             continue
         # Torsion and torque of all recordings, one after the other, and the samples that count.
-        rows = drive_effects.build_joint_rows(problem.signals, loads, joint)
         phi, torque = (np.concatenate([getattr(part, name) for part in rows]) for name in ("phi", "torque"))
         velocity = np.concatenate([differentiate_smooth(part.phi, part.period) for part in rows])
         period = np.concatenate([np.full(len(part.phi), part.period) for part in rows])
@@ -531,14 +528,14 @@ def choose_springs(
             kept[start + part.kept.start : start + part.kept.stop] = True
         path = ElementPath(position=phi, velocity=velocity, period=period, begins=tuple(begins[:-1]))
         speed = np.concatenate([differentiate_smooth(part.theta - part.phi, part.period) for part in rows])
-        spring, name, left, before = choose_spring(path, torque, kept, known, speed)
+        spring, name, left, before = choose_spring(path, torque, kept, springs[joint], speed)
         if not name:
             continue
         # Stops are no other kind.
         springs[joint], kinds[joint] = spring, "" if name == "stops" else name
         text = (
-            f"joint {card.name!r}: a spring of another kind was taken: {name}. Its held-out residual is "
-            f"{left:.2g} % of the joint torque, that of stops and knees {before:.2g} % where fitted"
+            f"joint {cards[joint].name!r}: a spring of another kind was taken: {name}. Its held-out residual "
+            f"is {left:.2g} % of the joint torque, that of stops and knees {before:.2g} % where fitted"
         )
         notices.append(Notice(code="elastic.spring-kind", text=text))
     return replace(fit, elasticity=tuple(springs), notices=(*fit.notices, *notices)), tuple(kinds)

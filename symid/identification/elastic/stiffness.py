@@ -181,7 +181,8 @@ def estimate_torsion_alignment(library: Library, recordings: Sequence[Recording]
             # Dampers beside springs follow the change of the torque.
             motion = rows.acceleration, differentiate(torque, log.period)
             plain = (gravity, torque - gravity, *even, torque**3, direction, *motion)
-            columns.append(np.concatenate([np.stack(plain, axis=2), plays], axis=2))
+            # Loops of a spring of two stiffnesses are wider on one side: plays have even parts, too.
+            columns.append(np.concatenate([np.stack(plain, axis=2), plays, np.abs(plays)], axis=2))
         found = estimate_alignment(recordings, columns)
         offsets = np.nan_to_num(found.offsets, nan=0.0)
         change = max(float(np.max(np.abs(offsets - used))), abs(found.delay - delay))

@@ -13,6 +13,7 @@ from symid.identification.elastic.stiffness import (
     estimate_torsion_alignment,
     prepare_aligned,
 )
+from symid.joint_models import Elasticity, SlipSpring, Stop, invert_element
 from symid.logs.recording import Recording
 from symid.robot.loading import locate_robot_file
 from symid.robot.toml_reader import read_robot
@@ -109,6 +110,31 @@ def test_what_runs_do_not_tell_is_refused(library):
     found = estimate_stiffness(library, [replace(runs[0], position=position)])
     assert found.joints[1].verdict is StiffnessVerdict.NO_ENCODER
     assert np.isnan(found.joints[1].compliance)
+
+
+@pytest.mark.parametrize("offset", [0.0, 8e-4])
+@pytest.mark.parametrize(
+    ("stiffer", "share", "places"), [(0.35, 0.4, 1.0), (-0.3, 0.3, 0.6), (0.5, 0.25, 1.5)]
+)
+def test_a_spring_that_is_stiffer_on_one_side_moves_no_zero(library, stiffer, share, places, offset):
+    """Its loops are wider on the softer side, which no even function of the torque is."""
+    plain, springs = record(library, 3), []
+    for stiffness in STIFFNESS:
+        widths = places * np.array([0.4e-4, 0.9e-4, 2e-4])
+        stops = tuple(Stop(threshold=width, stiffness=share / 3.0 * stiffness) for width in widths)
+        ends = (min(stiffer, 0.0), 0.0, max(stiffer, 0.0))
+        side = SlipSpring(deflections=(-10.0, 0.0, 10.0), forces=tuple(10.0 * stiffness * np.array(ends)))
+        least = 1.0 - share
+        springs.append(Elasticity(stiffness=least * stiffness, stops=stops, branches=(side,)))
+    load = (plain.motor_position - plain.position) * STIFFNESS
+    torsion = [invert_element(spring, own, plain.time) for spring, own in zip(springs, load.T, strict=True)]
+    bent = replace(
+        plain, motor_position=plain.position + np.column_stack(torsion), position=plain.position - offset
+    )
+    found = estimate_torsion_alignment(library, [bent])
+    wrong = found.offsets[0] - offset
+    assert np.all(np.abs(wrong) < 4.0 * found.offset_stds[0])
+    assert np.all(np.abs(wrong) < 0.02 * np.ptp(torsion, axis=1))
 
 
 def test_a_large_zero_offset_is_found_as_exactly_as_none(library):

@@ -231,7 +231,12 @@ def measure_spread(spring, variance):
     """Return the spread of a spring's torque and slope; `variance` of the only parameter of the links."""
     zero = [np.zeros(len(PHI))]
     return measure_spring_spread(
-        spring, lambda moved: [follow(moved)], [PHI[:, None]], zero, np.array([[variance]])
+        spring,
+        lambda moved: [follow(moved)],
+        [PHI[:, None]],
+        zero,
+        np.array([[variance]]),
+        shown=np.array([[variance]]),
     )
 
 
@@ -250,19 +255,47 @@ def test_deviations_of_torque_and_slope_are_those_of_many_fits():
     cases = np.cov(np.array(draws).T)
     slope = np.sqrt(np.sum(cases))
     torque = np.sqrt(np.mean(np.einsum("ij,jk,ik->i", basis, cases, basis)))
-    errors = 0.1 * rng.standard_normal(len(TIME))
+    errors, spread = 0.1 * rng.standard_normal(len(TIME)), np.array([[0.02**2]])
     # The threshold counts as well, so that the deviations are somewhat larger than with a known one.
     found = measure_spring_spread(
-        truth, lambda spring: [follow(spring)], [LEVER[:, None]], [errors], np.array([[0.02**2]])
+        truth, lambda spring: [follow(spring)], [LEVER[:, None]], [errors], spread, shown=spread
+    )
+    # A constant is a zero of an encoder, not of the spring.
+    assert found == pytest.approx(
+        measure_spring_spread(
+            truth, lambda spring: [follow(spring)], [LEVER[:, None]], [errors + 0.5], spread, shown=spread
+        )
     )
     assert torque < found[0] < 1.8 * torque
     assert 0.8 * slope < found[1] < 2.5 * slope
     # What follows the motion, and no value of the spring explains, is an error of its torque, too.
     lacking = 0.3 * np.cos(1.7 * TIME)
     more = measure_spring_spread(
-        truth, lambda spring: [follow(spring)], [LEVER[:, None]], [errors + lacking], np.array([[0.02**2]])
+        truth,
+        lambda spring: [follow(spring)],
+        [LEVER[:, None]],
+        [errors + lacking],
+        spread,
+        shown=spread,
     )
     assert 0.6 * np.std(lacking) < more[0] < 1.5 * np.std(lacking)
+
+
+@pytest.mark.parametrize("more", [0.0, 1e-4, 4.0])
+def test_what_no_row_shows_of_the_links_is_of_the_slope_alone(more):
+    """Columns that are off move parameters and stiffness, and hardly the torque, which was measured."""
+    spring, zero = Elasticity(stiffness=500.0), [np.zeros(len(PHI))]
+    found = measure_spring_spread(
+        spring,
+        lambda moved: [follow(moved)],
+        [PHI[:, None]],
+        zero,
+        np.array([[1.0 + more]]),
+        shown=np.array([[1.0]]),
+    )
+    size = np.sqrt(np.mean(PHI**2))
+    slope = np.hypot(np.sqrt(1.0 + more), 500.0 * MODEL_ERROR)
+    assert found == pytest.approx((size * np.hypot(1.0, 250.0 * MODEL_ERROR), slope))
 
 
 @pytest.mark.parametrize(("torque", "added"), [(0.1, 0.008), (2.0, 0.0)])
@@ -270,7 +303,8 @@ def test_a_knee_near_zero_makes_the_slope_there_uncertain(torque, added):
     # tau = beta phi is followed by k phi: k has the relative deviation of beta, exactly; filtered reversals
     # add the part of the slope that no row shows.
     found = measure_spread(Elasticity(stiffness=500.0), 9.0)
-    assert found == pytest.approx((3.0 * np.sqrt(np.mean(PHI**2)), np.hypot(3.0, 500.0 * MODEL_ERROR)))
+    size = np.sqrt(np.mean(PHI**2)) * np.hypot(3.0, 250.0 * MODEL_ERROR)
+    assert found == pytest.approx((size, np.hypot(3.0, 500.0 * MODEL_ERROR)))
     # The largest torque is 7.2 N m. Such knees are what noise makes of a stiffer beginning.
     knees = tuple(Knee(threshold=side * torque, slope=-0.008) for side in (-1.0, 1.0))
     found = measure_spread(Elasticity(stiffness=500.0, knees=knees), 0.0)
