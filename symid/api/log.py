@@ -22,6 +22,7 @@ from symid.arrays import FloatArray
 from symid.errors import LogError, Notice, UsageError
 from symid.identification import IdentifyOptions, LawOptions, rigid
 from symid.options import ABOVE, check_value
+from symid.serialization import describe_record
 
 Settings = str | Mapping[str, object]
 """Settings in place of the robot file's: the name of a set in the file, or values by dotted key.
@@ -175,7 +176,25 @@ class Log(Measurements):
 
     def _describe(self) -> dict[str, object]:
         summary = log_files.summarise_joints(self.recording, self.robot)
-        return report.robot_text.describe_log(self.recording, log_files.measure_timing(self.time), summary)
+        return _describe_log(self.recording, log_files.measure_timing(self.time), summary)
+
+
+def _describe_log(
+    recording: "log_files.Recording",
+    timing: "log_files.LogTiming",
+    joints: "tuple[log_files.JointSummary, ...]",
+) -> dict[str, object]:
+    """Return what the log itself says, without the robot's dynamics."""
+    return {
+        "file": recording.source,
+        "samples": timing.samples,
+        "duration": timing.duration,
+        "period": recording.period,
+        "has_velocity": recording.velocity is not None,
+        "second_encoder": log_files.get_second_encoder_side(recording),
+        "timing": {**describe_record(timing), "even": timing.even},
+        "joints": [describe_record(joint) for joint in joints],
+    }
 
 
 @runtime_checkable
@@ -511,4 +530,28 @@ class RobotCheck(DrawnResult, PagedResult):
         return report.robot_text.show_robot_check(self.robot, self.product, brief=True)
 
     def _describe(self) -> dict[str, object]:
-        return report.robot_text.describe_robot_check(self.robot, self.product)
+        joints = self.robot.joints
+        found: dict[str, object] = {
+            "robot": self.robot.name,
+            "file": self.robot.path,
+            "convention": self.robot.convention,
+            "joints": [{"name": e.name, "kind": e.kind.value, "friction": e.friction.law} for e in joints],
+            "logs": [_describe_log(log.recording, log.timing, log.joints) for log in self.logs],
+        }
+        if self.product.copy is not None:
+            file, notice = self.product.copy
+            found["resampled"] = {"file": str(file), "text": notice.text}
+        if self.excitation is not None:
+            names = [joint.name for joint in self.robot.axes]
+            found["dynamics"] = [
+                {
+                    "file": check.source,
+                    "signs": [{**describe_record(one), "joint": names[one.joint]} for one in check.signs],
+                    "causes": [describe_record(cause) for cause in check.causes],
+                    "torque_delay": check.delay
+                    and {**describe_record(check.delay), "late": check.delay.late},
+                }
+                for check in self.dynamics
+            ]
+            found["excitation"] = describe_record(self.excitation)
+        return found
