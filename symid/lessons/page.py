@@ -373,20 +373,6 @@ def _write_exercise(one: Exercise) -> str:
 
 # LaTeX.
 
-_TEX_HEAD = r"""\documentclass[11pt,a4paper]{article}
-\usepackage[utf8]{inputenc}
-\usepackage{amsmath,amssymb,graphicx,longtable,array}
-\usepackage[margin=25mm]{geometry}
-\setlength{\parindent}{0pt}\setlength{\parskip}{.5\baselineskip}
-\newcounter{formula}
-% A formula breaks at its sums, its further lines indented; a matrix that is too wide becomes smaller.
-\newcommand{\formula}[1]{{\stepcounter{formula}\raggedright\hangindent=2.5em\hangafter=1
-  $\displaystyle #1$\quad(\theformula)\par}}
-\newcommand{\wide}[1]{{\stepcounter{formula}\sbox0{$\displaystyle #1$}%
-  \ifdim\wd0>.9\linewidth\resizebox{.9\linewidth}{!}{\usebox0}\else\usebox0\fi\quad(\theformula)\par}}
-\newcommand{\checked}[1]{\textbf{CHECKED}, #1.\par}
-\begin{document}
-"""
 _TEX_MARKS = str.maketrans(
     {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
     | {mark: rf"\{mark}" for mark in "&%#_{}$"}
@@ -407,8 +393,8 @@ def write_lesson_tex(
     lesson, words = build_lesson(robot, book, form, language), load_words(language)
     drawn = draw_exercises(lesson, exercises, np.random.default_rng(seed), words)
     title = _write_tex(words("{0}: equation of motion").format(robot.name))
-    head = _TEX_HEAD.replace("CHECKED", words("Checked"))
-    parts = [head, rf"\title{{{title}}}\author{{symid {__version__}}}"]
+    head = (locate_resource_folder("templates") / "lesson" / "head.tex").read_text(encoding="utf-8")
+    parts = [head.replace("CHECKED", words("Checked")), rf"\title{{{title}}}\author{{symid {__version__}}}"]
     parts += [r"\date{}\maketitle", _write_tex(robot.description)]
     for chapter in lesson.chapters:
         parts.append(rf"\section{{{_write_tex(chapter.title)}}}")

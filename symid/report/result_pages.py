@@ -36,10 +36,10 @@ from symid.identification import hysteresis
 from symid.identification.estimators import ParameterEstimate
 from symid.report import pages, robot_text
 from symid.report.blocks import Block, Drawing, Table
+from symid.report.comparison_text import show_comparison
 from symid.report.drawings import draw_excitation, draw_log, draw_robot, list_shares
 from symid.report.figures import TIME, Line, Mark, build_curve_figure, build_line_figure, build_mark_figure
 from symid.report.fit_text import show_stiffness
-from symid.report.validation_text import show_comparison
 from symid.report.verdict import LEVELS, FitVerdict, rate_output
 from symid.robot import Robot, name_for_commands
 from symid.serialization import describe_record
