@@ -12,7 +12,7 @@ from functools import cached_property, partial
 from html import escape
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Self, TypedDict, Unpack, final
+from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, Unpack, final
 
 import numpy as np
 
@@ -674,8 +674,8 @@ class RobotDynamics:
         suffix = check_suffix(file, "a lesson", (".html", ".htm", ".tex", ".ipynb"))
         book = lessons.get_book(notation, angle=angle, long=long_sines)
         if (suffix == ".ipynb" and exercises) or (suffix in (".tex", ".ipynb") and log is not None):
-            given = "log: its motion is" if log is not None else f"exercises={exercises}: they are"
-            what = f"{given} part of a page; write a .html for that"
+            part = "log: its motion is" if log is not None else f"exercises={exercises}: they are"
+            what = f"{part} part of a page; write a .html for that"
             raise UsageError(Notice(code="usage.lesson-option", text=what))
         answers = sheet = executed = None
         if suffix == ".ipynb":
@@ -686,11 +686,9 @@ class RobotDynamics:
             if exercises and sheet_file.exists() and any(_read_sheet(sheet_file).answers.values()):
                 said = "has answers that were typed; move it, or name the page otherwise"
                 raise OutputError(Notice(code="output.answers", text=said, file=str(sheet_file)))
-            write = lessons.write_lesson_tex
-            if suffix != ".tex":
-                moved = None if log is None else _sample_log(robot, log)
-                write = partial(lessons.write_lesson_page, logged=moved)
-            page = write(robot, book, parameters, exercises=exercises, seed=seed, language=lang)
+            given: dict[str, Any] = {"tex": suffix == ".tex", "exercises": exercises, "seed": seed}
+            given |= {"logged": None if log is None else _sample_log(robot, log), "language": lang}
+            page = lessons.write_lesson(robot, book, parameters, **given)
             answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
             sheet = write_file(sheet_file, page.sheet) if page.sheet else None
             text = page.text

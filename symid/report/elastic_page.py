@@ -296,7 +296,7 @@ def _measure_spring(spring: joint_models.Elasticity, amplitude: float) -> tuple[
 
 
 def _get_traceable(estimate: SpringEstimate) -> joint_models.Elasticity | None:
-    """Return the true spring, None where it is not known, or its torque depends on the speed of a sweep."""
+    """Return the true spring; None where it is not known, or its torque depends on the speed of a sweep."""
     true = estimate.truth
     timed = true is not None and not true.is_plain and joint_models.needs_time(replace(true, damping=0.0))
     return None if timed else true
@@ -345,17 +345,14 @@ def _compare_methods(estimate: ElasticEstimate) -> Iterator[Block]:
         measures["largest error of a parameter (%)"] = errors.tolist()
     picked = next((k for k, trial in enumerate(trials) if trial.method == estimate.method), None)
     names = [f"{trial.method}{' (chosen)' * (trial.method == estimate.method)}" for trial in trials]
-    columns = [map(_format_score, scores) for scores in measures.values()]
+    columns = [
+        ["\N{EN DASH}" if x is None else f"{x:.4g}" if math.isfinite(x) else "failed" for x in scores]
+        for scores in measures.values()
+    ]
     yield _PREDICTION
     rows = tuple(zip(names, *columns, (trial.outcome.value for trial in trials), strict=True))
     header, left = ("method", *measures, "outcome"), (0, len(measures) + 1)
     yield Table(header, rows, left, "Methods on the same logs. Less is better.", picked=picked)
-
-
-def _format_score(value: float | None) -> str:
-    if value is None:
-        return "\N{EN DASH}"
-    return f"{value:.4g}" if math.isfinite(value) else "failed"
 
 
 def _show_convergence(estimate: ElasticEstimate) -> Iterator[Block]:

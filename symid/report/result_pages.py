@@ -42,7 +42,6 @@ from symid.report.figures import TIME, Line, Mark, build_curve_figure, build_lin
 from symid.report.fit_text import show_stiffness
 from symid.report.verdict import LEVELS, FitVerdict, rate_output
 from symid.robot import Robot, name_for_commands
-from symid.serialization import describe_record
 
 if TYPE_CHECKING:
     from symid.dynamics import Payload
@@ -625,8 +624,3 @@ def build_element_page(record: hysteresis.HysteresisRecord, *, source: str = "")
         conventions="work is that done on the element: output times change of the input",
         units="Units are those of the file",
     )
-
-
-def describe_element(record: hysteresis.HysteresisRecord) -> dict[str, object]:
-    """Return an element in plain types."""
-    return {**describe_record(record), "inverse": hysteresis.describe_inversion(record) or None}
