@@ -33,9 +33,9 @@ from symid.robot import read_robot
 from symid.study import friction_protocols as paper
 
 _SYNTHETIC = (
-    "The paper's values are next to ours, which come from synthetic data: the paper's recordings are "
+    "The paper's values are next to ours, which come from synthetic data: the paper's recordings are not "
+    "public."
 )
-_SYNTHETIC += "not public."
 _WIDTH = 110
 _MARK = "*"
 _UNITS = {"vs": "rad/s", "dq0": "rad/s", "fV": "N m s/rad", "gamma": "1"}
@@ -208,13 +208,9 @@ def _list_contest(contest: paper.EstimatorComparison) -> Table:
     timed = any(math.isfinite(run.seconds) for run in contest.runs)
     rows = list[Sequence[object]]()
     for run in (entry for entry in contest.runs if not entry.reason):
-        costs = (
-            run.evaluations,
-            run.solves,
-            run.iterations,
-            *([f"{1e3 * run.seconds:.0f}"] if timed else []),
-        )
-        rows.append((run.estimator, f"{run.objective:.6f}", f"{run.excess:.1e}", *costs))
+        costs = (run.evaluations, run.solves, run.iterations)
+        taken = [f"{1e3 * run.seconds:.0f}"] if timed else []
+        rows.append((run.estimator, f"{run.objective:.6f}", f"{run.excess:.1e}", *costs, *taken))
     header = ("estimator", "sum of squares", "excess", "evaluations", "linear problems", "iterations")
     note = ["Excess: over the least sum of squares of all. Every estimator with its defaults."]
     if timed:
@@ -313,18 +309,7 @@ def show_foreign(study: "studies.foreign_truths.ForeignStudy") -> tuple[Block, .
         words = (_join_counts(cell.verdicts), _join_counts(cell.choices), entry.best)
         near = (f"{count} of {entry.seeds}" for count in (entry.near, entry.near_best))
         chosen.append((name, *errors, write(cell.spring.median), *words, write(entry.ratio.median), *near))
-    header = [
-        "truth",
-        "worst",
-        "z rms (max)",
-        "spring",
-        "verdict",
-        "chosen",
-        "best",
-        "ratio",
-        "near",
-        "near best",
-    ]
+    header = ("truth", "worst", "z rms (max)", "spring", "verdict", "chosen", "best", "ratio", "near")
     methods, tables = [cell.method for cell in study.truths[0].cells], []
     for place, title in enumerate(("worst parameter, percent", "spring torque, percent")):
         rows = [
@@ -339,7 +324,7 @@ def show_foreign(study: "studies.foreign_truths.ForeignStudy") -> tuple[Block, .
         "is at most 1.2; near best: runs where the choice is at most 1.2 times as far off as the best method"
     )
     title = f"{study.arm}: automatic choice on hidden models, medians over {study.truths[0].seeds} seeds"
-    return (Table(header, chosen, left=(0, 4, 5, 6), title=title, note=note), *tables)
+    return (Table((*header, "near best"), chosen, left=(0, 4, 5, 6), title=title, note=note), *tables)
 
 
 def show_tracking(study: "studies.elastic_methods.TrackingStudy") -> tuple[Block, ...]:
