@@ -229,7 +229,6 @@ class BaseSet(Result):
         }
 
     def _repr_latex_(self) -> str:
-        """Return names and groupings as formulas for a notebook."""
         from sympy import Add, Symbol, latex
 
         lines = []
@@ -326,7 +325,6 @@ _STILL = 1e-3
 
 
 def _sample_log(robot: "robots.Robot", log: LogLike) -> "lessons.LoggedMotion":
-    """Return the motion of a log, filtered as for an identification; a LogError lists all its mistakes."""
     described = adopt_log_map(robot, log)
     (recording,) = log_files.read_recordings((take_one_log(log),), described)
     processing = regression.choose_filters(described.processing, [recording]).processing
@@ -496,7 +494,6 @@ class Derivation(Result):
         return {"robot": self.robot.name, "steps": steps, "operations": operations}
 
     def _repr_html_(self) -> str:
-        """Return the derivation for a notebook, with formulas."""
         parts = []
         for number, step in enumerate(self.steps, start=1):
             parts.append(f"<h4>{number}. {escape(step.title)}</h4><p>{escape(step.sentence)}</p>")
@@ -507,7 +504,6 @@ class Derivation(Result):
         return "".join((*parts, report.write_html((self._tabulate_operations(),))))
 
     def _repr_latex_(self) -> str:
-        """Return the formulas of all steps."""
         lines = []
         for number, step in enumerate(self.steps, start=1):
             lines.append(rf"&\textbf{{{number}. {step.title}}}")

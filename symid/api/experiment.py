@@ -86,7 +86,6 @@ class ExcitedTrajectory(RecordResult, DrawnResult, PagedResult, excitation.Optim
         return report.result_pages.build_excitation_page(self.robot, self)
 
     def _draw(self) -> "tuple[report.Drawing, ...]":
-        """Return positions and velocities over time, and the used part of each limit."""
         return report.drawings.draw_excitation(self, self.robot)
 
     def summarise(self) -> str:

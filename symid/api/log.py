@@ -72,7 +72,6 @@ class Measurements(DrawnResult):
     robot: "robots.Robot"
 
     def _draw(self) -> "tuple[report.Drawing, ...]":
-        """Return positions and torques over time."""
         return report.drawings.draw_log(self.recording, self.robot)
 
     @property
@@ -241,7 +240,6 @@ def list_logs(logs: Logs, pairs: Sequence[tuple[str, str]] = ()) -> "tuple[Path 
 
 
 def _list_files_and_logs(logs: Logs) -> tuple[Path | Log, ...]:
-    """Return files and logs, each by itself."""
     given = (logs,) if isinstance(logs, str | PathLike | Log | Logged) else tuple(logs)
     found = (entry.log if isinstance(entry, Logged) else entry for entry in given)
     return tuple(entry if isinstance(entry, Log) else Path(fspath(entry)) for entry in found)
@@ -513,7 +511,6 @@ class RobotCheck(DrawnResult, PagedResult):
         return report.result_pages.build_check_page(self.robot, self.product)
 
     def _draw(self) -> "tuple[report.Drawing, ...]":
-        """Return positions and torques of every log, with what was found marked; else the robot."""
         return report.result_pages.draw_check(self.robot, self.product)
 
     def summarise(self) -> str:

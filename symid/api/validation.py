@@ -145,7 +145,6 @@ class LogValidation(JudgedResult, DrawnResult):
         return {**plain, "gate": self.gate, "accepted": self.accepted}
 
     def _draw(self) -> "tuple[report.Drawing, ...]":
-        """Return measured and predicted torques; for elastic joints hysteresis loops."""
         if isinstance(self.product, identification.ElasticValidation):
             return tuple(map(report.draw_loops, self.product.trial.joints))
         found = self.product.validation

@@ -255,7 +255,6 @@ class _Verbs(click.Group):
     """The group of verbs, imported on demand."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  click's interface
-        """Return the verbs in the order in which they are used."""
         return list(VERBS)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002  click's interface
@@ -270,7 +269,6 @@ class _Verbs(click.Group):
             formatter.write_dl(lines)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """Return the verb, or None."""
         if cmd_name not in _FILES:
             return None
         file = importlib.import_module(f"symid.cli.{_FILES[cmd_name]}")

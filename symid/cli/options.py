@@ -46,8 +46,6 @@ Decorator = Callable[[Callable[..., Given]], Callable[..., Given]]
 
 
 class _GroupedOption(click.Option):
-    """An option with a heading in the help."""
-
     def __init__(self, *arguments: Given, group: str = "", **settings: Given) -> None:
         super().__init__(*arguments, **settings)
         self.group = group

@@ -126,7 +126,6 @@ def _read_words(section: Section, key: str) -> tuple[str | None, ...]:
 
 
 def _read_plain(section: Section, key: str, allowed: Iterable[str] = ()) -> dict[str, object]:
-    """Return a table in the types that JSON has."""
     table = section.read_table(key, allowed)
     return {} if table is None else {name: _make_plain(value) for name, value in table.values.items()}
 
@@ -241,7 +240,6 @@ def _read_table(name: str, robot: str | None) -> tuple[FleetJob, ...]:
 
 
 def _read_rows(path: Path) -> Iterator[tuple[int, Mapping[str, Any]]]:
-    """Yield the rows of a table with their lines."""
     if path.suffix.lower() == ".parquet":
         try:
             from pyarrow import ArrowException

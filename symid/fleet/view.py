@@ -371,7 +371,6 @@ class Fleet(PagedResult):
                 yield head
 
     def _build_page(self) -> Page:
-        """Return the page of all that is printed, and figures."""
         found, lost = self.changes(), len(self.rows) - self.counts.get("done", 0)
         robots = len({row.job.name for row in self.rows})
         changed = len({entry.name for entry in found})
@@ -566,7 +565,6 @@ class _Store:
         self.found = 0
 
     def locate(self, key: str) -> Path:
-        """Return the file of a row."""
         return self.folder / f"{key}.json"
 
     def read(self, key: str) -> FleetRow | None:

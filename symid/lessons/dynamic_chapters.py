@@ -215,7 +215,6 @@ def _write_short(writer: ChapterWriter, equations: matrices.Equations) -> Iterat
 
 
 def _is_small(texts: Sequence[Sequence[str]], most: int) -> bool:
-    """Return whether formulas are short enough for the elements of a matrix."""
     return all(len(re.sub(r"\\,|\\mathit|\{", "", text)) <= most for row in texts for text in row)
 
 
@@ -237,7 +236,6 @@ def _gather_zeros(items: Sequence[Item]) -> list[Item]:
 
 
 def _write_gravity(writer: ChapterWriter, values: Sequence[PolyElement]) -> list[Item]:
-    """Return the torques at rest, one a coordinate."""
     units = ["N" if joint.prismatic else "N m" for joint in writer.model.robot.axes]
     return _gather_zeros(
         [
@@ -334,7 +332,6 @@ def _write_products(
 
 
 def _write_law(book: Book) -> list[Item]:
-    """Return the equation of motion, and what Craig writes in its place."""
     q, C = book.coordinates, book.coriolis
     right = rf"{book.mass}({q})\,\ddot {q} + {C}({q}, \dot {q})\,\dot {q} + {book.gravity}({q})"
     law = [show(f"{book.torque} = {right}")]

@@ -512,7 +512,6 @@ class _Field:
     size: int
 
     def evaluate(self, node: Expression) -> Ratio:
-        """Return the value of a formula."""
         mul, one = self.algebra.mul, self.algebra.one
         if node.kind in _FUNCTIONS:
             return self._call(node), one

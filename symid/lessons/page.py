@@ -123,7 +123,6 @@ def write_lesson(
 
 
 def _write_page(lesson: Lesson, drawn: Sequence[Exercise], logged: LoggedMotion | None, words: Words) -> str:
-    """Return the lesson in HTML."""
     robot, book, chapters = lesson.robot, lesson.book, lesson.chapters
     if lesson.beta:
         chapters = (*chapters, translate_chapter(_write_identification(lesson, logged), words))
@@ -208,7 +207,6 @@ def _write_json(value: object) -> str:
 
 
 def _write_inline(text: str) -> str:
-    """Return a text with its $formulas$ and `code` marked, all else escaped."""
     return write_marked(
         text,
         escape,
@@ -267,7 +265,6 @@ def _write_item(item: Item, numbers: Iterator[int], words: Words) -> str:
 
 
 def _describe(lesson: Lesson) -> dict[str, object]:
-    """Return geometry, values, letters and springs for the page."""
     robot, book = lesson.robot, lesson.book
     symbols, slides = dict(robot.symbols), list_slides(robot)
     return {
@@ -358,7 +355,6 @@ def _list_marked_letters(lesson: Lesson) -> Iterator[Item]:
 
 
 def _write_exercise(one: Exercise) -> str:
-    """Return an exercise as a JavaScript object."""
     texts = {"prompt": one.prompt, "answer": one.answer, "latex": one.latex, "note": one.note}
     parts = [f'"{key}": {_write_json(text)}' for key, text in texts.items()]
     if one.code:
@@ -397,7 +393,6 @@ def _write_document(lesson: Lesson, drawn: Sequence[Exercise], words: Words) -> 
 
 
 def _write_tex(text: str) -> str:
-    """Return a text in LaTeX, its $formulas$ as they are."""
     form, code = "${}$".format, lambda code: rf"\texttt{{{code.translate(_TEX_MARKS)}}}"
     return write_marked(text, lambda plain: plain.translate(_TEX_MARKS), form, code)
 

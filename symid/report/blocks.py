@@ -125,7 +125,6 @@ class Table:
 
 
 def _write_tag(tag: str, names: str, inner: str) -> str:
-    """Return an element of HTML, its classes by `names`."""
     classes = f' class="{names}"' if names else ""
     return f"<{tag}{classes}>{inner}</{tag.partition(' ')[0]}>"
 
@@ -262,7 +261,6 @@ def write_svg(drawings: Sequence[Drawing]) -> str:
 
 
 def _to_plain(value: Any) -> Any:  # noqa: ANN401  any value
-    """Return arrays and numbers of NumPy as Python's own."""
     return value.tolist() if hasattr(value, "tolist") else value
 
 

@@ -136,7 +136,6 @@ def _show_trials(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
 
 
 def _show_errors(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
-    """Yield what springs leave of joint torques over time."""
     for trial in trials:
         yield f"== Residual of {trial.source} =="
         for joint in (joint for joint in trial.joints if joint.final is not None):
@@ -231,7 +230,6 @@ def show_spring(estimate: SpringEstimate) -> Iterator[Block]:
 
 
 def _list_stops(spring: joint_models.Elasticity) -> tuple[tuple[str, str, str], ...]:
-    """Return threshold, stiffness, and torque at which it slips, of every stop."""
     known = [(stop.threshold, stop.stiffness) for stop in spring.stops if stop.stiffness is not None]
     return tuple((f"{1e3 * place:.4g}", f"{k:.4g}", f"{k * place:.3g}") for place, k in known)
 
@@ -400,7 +398,6 @@ def _show_convergence(estimate: ElasticEstimate) -> Iterator[Block]:
 
 
 def _show_tracking(estimate: ElasticEstimate, runs: "Sequence[TrackingRun]") -> Iterator[Block]:
-    """Yield the RMS of the tracking error of every joint, and its course with every feed-forward."""
     joints = [(entry.joint, "m" if entry.unit == "N" else "rad") for entry in estimate.residual]
     rows = [(run.name, *(f"{1e3 * value:.4g}" for value in run.rms.tolist())) for run in runs]
     header = ("feed-forward", *(f"{name} (m{unit})" for name, unit in joints))

@@ -93,7 +93,6 @@ def describe_validation(validation: "estimators.Validation") -> dict[str, object
 
 
 def _describe_motion_parts(motion: "estimators.MotionResidual") -> dict[str, object]:
-    """Return one joint's residual by the phases of motion."""
     parts = zip(("motion", "reversal", "rest"), motion.rms, motion.rows, strict=True)
     phases = {name: {"rms": rms, "rows": rows} for name, rms, rows in parts}
     head = {"joint": motion.joint, "unit": motion.unit}
@@ -339,7 +338,6 @@ def show_springs(estimate: "ElasticEstimate") -> Table:
 
 
 def _describe_effect(estimate: "ElasticEstimate", effect: "DriveEffect") -> dict[str, object]:
-    """Return an effect in plain types, with its joint and unit."""
     torque = estimate.residual[max(effect.joint, 0)].unit
     unit = _EFFECTS[effect.kind][1].format(torque=torque, position="m" if torque == "N" else "rad")
     joint = "all" if effect.joint < 0 else estimate.residual[effect.joint].joint

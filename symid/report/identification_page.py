@@ -152,7 +152,6 @@ def build_identification_page(
 
 
 def _tell_tried(worst: Validation) -> tuple[list[tuple[str, str]], str]:
-    """Return the same of a held-out log."""
     shares, only = _list_left(worst.residual), worst.residual[0]
     what: Any = {"what": QUANTITIES[worst.rows], "band": worst.scoring, "rms": (only.std, only.unit)}
     return _tell_residual("a held-out log", worst.mean_relative_percent, shares, **what)
@@ -360,7 +359,6 @@ def _show_log(validation: Validation) -> Iterator[Block]:
 
 
 def _show_errors(validation: Validation) -> Iterator[Block]:
-    """Yield the residual of a log: by phases of motion, and over time."""
     yield f"== Residual of {Path(validation.source).name} =="
     yield from fit_text.show_motion(validation.motion)
     if validation.scoring:

@@ -117,7 +117,6 @@ def build_fit_page(
 
 
 def _list_settings(value: object, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield every setting of nested tables with its dotted name."""
     match value:
         case Mapping():
             for key, entry in value.items():

@@ -486,7 +486,6 @@ def draw_element(record: hysteresis.HysteresisRecord) -> tuple[Drawing, ...]:
 
 
 def _label_axes(record: hysteresis.HysteresisRecord) -> tuple[str, str]:
-    """Return what stands at the axes of input and output."""
     x, y = (
         f"{name} ({unit or 'unit of the file'})"
         for name, unit in zip(record.names, record.units, strict=True)

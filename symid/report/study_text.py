@@ -482,7 +482,6 @@ def _draw_stribeck() -> Drawing:
 
 
 def _draw_hybrid() -> Drawing:
-    """Return our hybrid algorithm as a flow chart, with its default options."""
     caption = (
         "Our hybrid of a genetic algorithm with simulated annealing, `annealing`, with its default "
         f"options; it also ends after {paper.GENERATIONS} generations. Of the paper's flow chart only the "
@@ -568,7 +567,6 @@ def _fit_laws(
 
 
 def _draw_two_fit(samples: friction.FrictionSamples, *, near: bool) -> Drawing:
-    """Return fits of all laws to two trajectories: all of it, or what lies near standstill."""
     reach = 0.06 if near else 1.0
     velocity = np.linspace(-reach, reach, _POINTS)
     shown = np.abs(samples.velocity) <= reach

@@ -109,7 +109,6 @@ def list_verdict_notices(verdict: FitVerdict, file: str = "", *, tried: bool = F
 
 
 def _limit(level: str, headline: str, details: Sequence[str], caps: Caps) -> FitVerdict:
-    """Return the verdict of a level and of what limits it."""
     level = min((level, *(cap for cap, _ in caps)), key=LEVELS.index)
     wrong = [reason for cap, reason in caps if cap == "wrong"]
     reasons = (headline, *(f"{reason[:1].upper()}{reason[1:]}." for _, reason in caps))
