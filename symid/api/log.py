@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Protocol, final, runtime_checkable
+from typing import Any, Protocol, final, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -436,6 +436,7 @@ def build_log(
     """
     arrays = {"q": q, "tau": tau, "dq": dq, "ddq": ddq, "theta": theta}
     arrays |= {"load": load, "temperature": temperature}
+    names = ("position", "torque", "velocity", "acceleration", "motor_position", "load", "temperature")
     try:
         given = {name: np.asarray(value, dtype=float) for name, value in arrays.items() if value is not None}
         stamps = np.asarray(time, dtype=float)
@@ -449,17 +450,8 @@ def build_log(
         wrong.append("time must be a list of two or more stamps in s that increase")
     if wrong:
         raise LogError(*(Notice(code="log.arrays", text=text, file=source) for text in wrong))
-    recording = log_files.Recording(
-        time=stamps,
-        position=given["q"],
-        torque=given["tau"],
-        velocity=given.get("dq"),
-        acceleration=given.get("ddq"),
-        motor_position=given.get("theta"),
-        load=given.get("load"),
-        temperature=given.get("temperature"),
-        source=source,
-    )
+    columns: dict[str, Any] = dict(zip(names, map(given.get, arrays), strict=True))
+    recording = log_files.Recording(time=stamps, source=source, **columns)
     return Log(recording=recording, robot=robot.description)
 
 

@@ -34,7 +34,7 @@ import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache, partial, reduce
+from functools import cache, reduce
 from itertools import repeat
 from typing import Any, NoReturn, TypeAlias, cast
 
@@ -341,19 +341,14 @@ def rewrite_formula(text: str) -> str:
 
     def apply(rules: Sequence[Sequence[str]], text: str) -> str:
         for pattern, form in rules:
-            before = None
+            # The groups of a match stand in place of $1, $2.
+            put, before = re.sub(r"\$(\d)", r"\\g<\1>", form.replace("\\", r"\\")), None
             while text != before:
-                before = text
-                text = re.sub(pattern, partial(_fill, form), text, flags=re.ASCII)
+                before, text = text, re.sub(pattern, put, text, flags=re.ASCII)
         return text
 
     rules = load_spelling()
     return apply(rules["rules"], unicodedata.normalize("NFKD", apply(rules["powers"], text)))
-
-
-def _fill(form: str, match: re.Match[str]) -> str:
-    """Return a form with the groups of a match in place of $1, $2."""
-    return re.sub(r"\$(\d)", lambda place: match[int(place[1])], form)
 
 
 def list_spellings(lesson: Lesson) -> dict[str, str]:
@@ -375,10 +370,8 @@ def list_spellings(lesson: Lesson) -> dict[str, str]:
         # C12 is a cosine where the book writes it so, elsewhere an element of the matrix.
         pairs += [(x, item.name) for x in (left, item.name) if x[:1] not in (book.sine, book.cosine)]
     found: dict[str, str] = {}
-    for typed, name in pairs:
+    for typed, name in (*pairs, *((typed.replace("_", ""), name) for typed, name in pairs)):
         found.setdefault(typed, name)
-    for typed, name in pairs:
-        found.setdefault(typed.replace("_", ""), name)
     return found
 
 
@@ -513,12 +506,21 @@ class _Field:
 
     def evaluate(self, node: Expression) -> Ratio:
         mul, one = self.algebra.mul, self.algebra.one
-        if node.kind in _FUNCTIONS:
-            return self._call(node), one
         match node.kind:
+            case "sin" | "cos":
+                return self._expand_wave(node.kind[0], list(self._read_angle(node.parts[0]).items())), one
+            case "sqrt":
+                value = read_rational(node.parts[0])
+                if value is None or value < 0:
+                    _refuse(_NO_ROOT)
+                try:
+                    root = Rational(value.numerator, value.denominator) ** Rational(1, 2)
+                    return one * self.domain.from_sympy(root), one
+                except CoercionFailed:
+                    _refuse(_NO_ROOT)
             case "number":
-                value = Fraction(node.text)
-                return one * self.domain.convert(QQ(value.numerator, value.denominator)), one
+                number = Fraction(node.text)
+                return one * self.domain.convert(QQ(number.numerator, number.denominator)), one
             case "letter":
                 name = node.text
                 if name in self.letters:
@@ -552,20 +554,6 @@ class _Field:
                 return mul(a, d), mul(b, c)
         left, right = mul(a, d), mul(c, b)
         return (left + right if node.kind == "+" else left - right), mul(b, d)
-
-    def _call(self, node: Expression) -> Any:  # noqa: ANN401  an element of the algebra
-        (inner,) = node.parts
-        if node.kind != "sqrt":
-            angle = self._read_angle(inner)
-            return self._expand_wave(node.kind[0], list(angle.items()))
-        value = read_rational(inner)
-        if value is None or value < 0:
-            _refuse(_NO_ROOT)
-        try:
-            root = Rational(value.numerator, value.denominator) ** Rational(1, 2)
-            return self.algebra.one * self.domain.from_sympy(root)
-        except CoercionFailed:
-            _refuse(_NO_ROOT)
 
     def _read_angle(self, node: Expression) -> dict[int, int]:
         """Return a sum of joint angles by number and multiple."""
