@@ -442,20 +442,21 @@ class Derivation(Result):
         Raises:
             OutputError: the page cannot be written.
         """
-        check_suffix(Path(path), "such a lesson", (".html",))
-        return RobotDynamics(description=self.robot).write_lesson(path, **letters).path
+        return self._write(path, ".html", letters)
 
     def tex(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
         """Write the derivation as a document for pdflatex at `path`, .tex; `letters` are those of `html`."""
-        check_suffix(Path(path), "such a lesson", (".tex",))
-        return RobotDynamics(description=self.robot).write_lesson(path, **letters).path
+        return self._write(path, ".tex", letters)
 
     def ipynb(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
         """Write the derivation as a notebook at `path`, .ipynb, executed where that is possible, as `html`.
 
         The `letters` are those of `html`.
         """
-        check_suffix(Path(path), "such a lesson", (".ipynb",))
+        return self._write(path, ".ipynb", letters)
+
+    def _write(self, path: str | PathLike[str], suffix: str, letters: LessonLetters) -> Path:
+        check_suffix(Path(path), "such a lesson", (suffix,))
         return RobotDynamics(description=self.robot).write_lesson(path, **letters).path
 
     def summarise(self) -> str:
@@ -595,7 +596,8 @@ class RobotDynamics:
     @cached_property
     def base(self) -> BaseSet:
         """Return the base parameters: the smallest set that describes all motions and torques."""
-        return self._derive_base("torque")
+        product = dynamics.derive_base_parameters(self.description)
+        return BaseSet(robot=self.description, form="torque", product=product)
 
     def derive_base(self, form: BaseForm = "torque") -> BaseSet:
         """Return the base parameters of a `form`: "torque", "energy", "momentum", or "gravity" (at rest).
@@ -608,9 +610,8 @@ class RobotDynamics:
             >>> symid.load("two_link").derive_base("gravity").names
             ('MXR1', 'MY1', 'MX2', 'MY2')
         """
-        return self.base if form == "torque" else self._derive_base(form)
-
-    def _derive_base(self, form: BaseForm) -> BaseSet:
+        if form == "torque":
+            return self.base
         if form not in dynamics.BASE_FORMS:
             text = f"there is no form {form!r}; allowed are {', '.join(dynamics.BASE_FORMS)}"
             raise UsageError(Notice(code="usage.base-form", text=text))

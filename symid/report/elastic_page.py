@@ -102,7 +102,7 @@ def build_elastic_page(
 def _list_numbers(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> list[tuple[str, str]]:
     """Return the numbers that matter: what dynamics and springs leave of torques, and what is significant."""
     held_out = [trial for trial in trials if not trial.fitted]
-    numbers, told = [], {spring.joint for spring in estimate.springs if spring.identifiable}
+    told = {spring.joint for spring in estimate.springs if spring.identifiable}
     if held_out:
         dynamics = max(entry.relative_percent for trial in held_out for entry in trial.residuals[0][1])
         springs = [compute_spring_share(joint) for trial in held_out for joint in trial.joints]
@@ -114,7 +114,7 @@ def _list_numbers(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
     else:
         dynamics, where = max(entry.relative_percent for entry in estimate.residual), _IN_FIT
         springs = []
-    numbers.append((pages.format_percent(dynamics), f"residual of a motor's torque at most, {where}"))
+    numbers = [(pages.format_percent(dynamics), f"residual of a motor's torque at most, {where}")]
     if springs and all(share is not None for share in springs):
         worst = max(share for share in springs if share is not None)
         numbers.append((pages.format_percent(worst), "residual of a spring, of its joint's torque, at most"))
