@@ -214,12 +214,12 @@ def judge_payload(found: "Payload") -> FitVerdict:
     lost = [entry.name for entry in found.quantities if entry.value is None]
     friction = [entry.name for entry in found.friction]
     changed = found.moved > _FAR or bool(found.unexplained and found.doubtful)
-    known = len(found.quantities) - len(lost)
-    headline = f"{known} of {len(found.quantities)} quantities of the payload are identified."
+    known, whole = len(found.quantities) - len(lost), len(found.quantities)
     lists = (("Not identifiable", lost), ("Friction changed", friction))
     return FitVerdict(
         level="doubtful" if changed else "usable" if lost else "good",
-        headline=headline + " But something else than a payload changed between the logs." * changed,
+        headline=f"{known} of {whole} quantities of the payload are identified."
+        + " But something else than a payload changed between the logs." * changed,
         details=(
             f"chi-square {found.chi2:.3g} over {found.freedom} degrees of freedom.",
             *(f"{what}: {', '.join(names)}." for what, names in lists if names),
@@ -261,10 +261,9 @@ def build_stiffness_page(found: "StiffnessEstimate", notices: Sequence[Notice]) 
     level = "good" if len(told) == len(known) else "usable" if told else "doubtful"
     headline = f"The stiffness of {len(told)} of {len(known)} joints is identified."
     alignment, details = found.alignment, tuple(f"{entry.joint}: {entry.reason}." for entry in found.joints)
-    names = (f"{entry.joint} ({pages.write_unit(entry.unit)})" for entry, *_ in told)
     marks = [
-        Mark(name, value, f"{value:.4g}: {low:.4g} to {high:.4g}")
-        for name, (_, value, (low, high)) in zip(names, told, strict=True)
+        Mark(f"{e.joint} ({pages.write_unit(e.unit)})", value, f"{value:.4g}: {low:.4g} to {high:.4g}")
+        for e, value, (low, high) in told
     ]
     caption = "How stiff is each joint? Values with 95 % intervals."
     delay = pages.format_pair(1e3 * alignment.delay, 1e3 * alignment.delay_std)
