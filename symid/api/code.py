@@ -20,7 +20,9 @@ from numpy.typing import ArrayLike
 from symid import codegen, report, robot as robots
 from symid.api.result import RecordResult
 from symid.arrays import FloatArray
+from symid.environment import show_path
 from symid.errors import Notice, UsageError
+from symid.serialization import describe_record
 
 
 @final
@@ -55,14 +57,51 @@ class WrittenCode(RecordResult, codegen.GeneratedFolder):
 
     def summarise(self) -> str:
         """Return the folder, what was written, and the result of its self-test."""
-        return report.robot_text.summarise_code(self)
+        return _summarise(self)
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, and the operations and sizes of every function."""
-        return report.robot_text.show_code(self)
+        sizes = {name: describe_record(size) for name, size in self.record.sizes.items()}
+        counted, measured = ("mul", "add", "trig"), ("code", "stack") if sizes else ()
+        rows = [
+            (
+                name,
+                *(counts[key] for key in counted),
+                *(sizes[name][key] for key in measured if name in sizes),
+            )
+            for name, counts in self.operations.items()
+        ]
+        guide = show_path(self.folder / "README.md")
+        text = f"next: {guide} says how to use it; symid export ROBOT -o FILE.h writes its parameters"
+        return (
+            _summarise(self),
+            report.Table(("function", *counted, *measured), rows),
+            *(["code and stack in bytes; batches in manifest.json"] if sizes else []),
+            *(f"spring: {_summarise(spring)}" for spring in self.springs),
+            *([text] if self.manifest["target"] == "c" else []),
+        )
 
     def _describe(self) -> dict[str, object]:
-        return report.robot_text.describe_code("" if self.robot is None else self.robot.name, self)
+        record = self.record
+        return {
+            "robot": "" if self.robot is None else self.robot.name,
+            "target": self.manifest["target"],
+            "folder": str(self.folder),
+            "files": [str(path) for path in self.files],
+            "operations": self.operations,
+            "selftest": record.selftest,
+            "runner": record.runner,
+            "flags": record.flags,
+            "sizes": {name: describe_record(size) for name, size in record.sizes.items()},
+            "unchanged": self.unchanged,
+            "springs": [str(spring.folder) for spring in self.springs],
+        }
+
+
+def _summarise(made: "codegen.GeneratedFolder") -> str:
+    state = "nothing has changed" if made.unchanged else f"{len(made.files)} files"
+    head = f"{made.folder}: {state}, self-test {made.record.selftest}"
+    return head + (f" with {made.record.runner} {made.record.flags}".rstrip() if made.record.runner else "")
 
 
 @final

@@ -4,12 +4,15 @@ Robot -> `BaseSet`; robot -> `Derivation`, step by step, with operation counts o
 `WrittenLesson`, the derivation as a page.
 """
 
+import re
+import textwrap
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
+from html import escape
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Self, TypedDict, Unpack, final
+from typing import TYPE_CHECKING, Any, Literal, Self, TypedDict, Unpack, final
 
 import numpy as np
 
@@ -19,17 +22,24 @@ from symid.api.log import LogLike, Settings, adopt_log_map, list_pairs, take_one
 from symid.api.result import Progress, Result, ignore
 from symid.codegen import BACKENDS
 from symid.environment import check_suffix, read_file, write_file
-from symid.errors import InputError, Notice, OutputError, UsageError
+from symid.errors import InputError, Notice, OutputError, UsageError, shorten_names
 from symid.identification import regression
+from symid.notation import INERTIAL
 from symid.options import GenerateOptions, Precision, Target, check_value, words
+from symid.serialization import describe_record
 
 if TYPE_CHECKING:
     import casadi as ca
 
 
 _LARGEST_SHEET = 1_000_000
-_SHOWN = 48
-"""Letters of an answer in a table."""
+_SHOWN, _CELL = 48, 64
+"""Letters of an answer, and of a sum, in a table."""
+_ALIGNED = r"$$\begin{{aligned}}{}\end{{aligned}}$$"
+_OPERATIONS = (
+    "Operations of generated functions: products with squares and divisions, sums, sines and cosines.\n"
+    "The route with the fewest operations is written; 'most' has products and sums of the worst one."
+)
 BaseForm = Literal["torque", "energy", "momentum", "gravity"]
 
 
@@ -125,23 +135,110 @@ class BaseSet(Result):
         """Return robot and count."""
         return f"{self.robot.name}: {self.count} base parameters ({self.form})"
 
+    def _describe_entries(self) -> tuple[list[dict[str, object]], list[dict[str, object]]]:
+        """Return base parameters, and those of friction, in plain types."""
+        product, values = self.product, self.values
+        forms = dynamics.derive_parameter_formulas(self.robot, product)
+        found: list[dict[str, object]] = [
+            {
+                "name": entry.name,
+                "expression": entry.expression,
+                "reason": entry.reason,
+                "unit": dynamics.get_label_unit(self.robot, entry.label),
+                "joint": dynamics.get_owner(self.robot, entry.label),
+                "value": values.get(entry.name),
+                "form": str(forms[entry.name]).replace("**", "^") if entry.name in forms else None,
+            }
+            for entry in (*product.parameters, *product.friction)
+        ]
+        return found[: len(product.parameters)], found[len(product.parameters) :]
+
+    def _count_all(self) -> tuple[str, list[tuple[str, str]]]:
+        """Return the counts; what was eliminated, with reasons: parameters of one reason together."""
+        names: dict[str, list[str]] = {}
+        for entry in self.product.eliminated:
+            names.setdefault(entry.reason, []).append(entry.name)
+        kinds = (*INERTIAL, *dynamics.DRIVE_PARAMETERS)
+        whole = self.count + sum(entry.label[1] in kinds for entry in self.product.eliminated)
+        head = f"{self.robot.name}: {self.count} base parameter{'s'[: self.count != 1]} of {whole}"
+        return head, [(", ".join(group), reason) for reason, group in names.items()]
+
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, and every parameter with its grouping and reason."""
-        return report.robot_text.show_base(self.robot, self.product)
+        wrap = textwrap.TextWrapper(100, initial_indent="    ", subsequent_indent="    ").fill
+
+        def show(entry: Mapping[str, object]) -> str:
+            value = None if entry["value"] is None else f"{entry['value']:.6g}"
+            parts = (*dict.fromkeys((entry["name"], entry["expression"])), entry["form"], value)
+            text = " = ".join(str(part) for part in parts if part is not None)
+            return f"{text}  [{entry['unit']}]\n{wrap(str(entry['reason']))}"
+
+        (head, eliminated), (parameters, friction) = self._count_all(), self._describe_entries()
+        gone = [f"{names}\n{wrap(reason)}" for names, reason in eliminated]
+        return (
+            *(head, *map(show, parameters)),
+            *(("friction parameters", *map(show, friction)) if friction else ()),
+            *(("eliminated", *gone) if gone else ()),
+        )
 
     def brief(self) -> "tuple[report.Block, ...]":
         """Return the parameters without reasons."""
-        return report.robot_text.list_base(self.robot, self.product)
+        (head, eliminated), (parameters, friction) = self._count_all(), self._describe_entries()
+        names = {
+            "friction": [str(entry["name"]) for entry in friction],
+            "eliminated": [name for group, _ in eliminated for name in group.split(", ")],
+        }
+        lines = [head, *(f"{what}: {shorten_names(part)}" for what, part in names.items() if part)]
+        rows = []
+        for entry in parameters:
+            # Of a long sum the first terms, and how many more there are.
+            text = str(entry["form"] or entry["expression"])
+            signs = [found.start() for found in re.finditer(r" [+-] ", text)]
+            if len(text) > _CELL and signs:
+                cut = max((place for place in signs if place <= _CELL), default=signs[0])
+                text = f"{text[:cut]} ... ({sum(place >= cut for place in signs)} more)"
+            rows.append((entry["name"], text, entry["unit"], entry["value"]))
+        header = ("parameter", "groups", "unit", "value")
+        known = len(header) - all(row[-1] is None for row in rows)
+        return ("\n".join(lines), report.Table(header[:known], [row[:known] for row in rows], (0, 1, 2)))
 
     def _tabulate(self) -> "tuple[report.Block, ...]":
-        return report.robot_text.tabulate_base(self.robot, self.product)
+        (head, eliminated), (parameters, friction) = self._count_all(), self._describe_entries()
+        keys = ("name", "expression", "form", "unit", "reason")
+        rows = [[entry[key] for key in keys] for entry in (*parameters, *friction)]
+        for row, entry in zip(rows, (*parameters, *friction), strict=True):
+            row[2] = row[2] or entry["value"]
+        header = ("parameter", "groups", "value", "unit", "why")
+        gone = [report.Table(("eliminated", "why"), eliminated, left=(0, 1))] if eliminated else []
+        return (head, report.Table(header, rows, left=(0, 1, 3, 4)), *gone)
 
     def _describe(self) -> dict[str, object]:
-        return {**report.robot_text.describe_base(self.robot, self.product), "of": self.form}
+        parameters, friction = self._describe_entries()
+        return {
+            "robot": self.robot.name,
+            "count": self.count,
+            "parameters": parameters,
+            "friction": friction,
+            "eliminated": [{"name": entry.name, "reason": entry.reason} for entry in self.product.eliminated],
+            # Changes of the parameters that nothing shows, exact coefficients as text.
+            "null_space": [
+                {dynamics.write_label(self.robot, label): str(coefficient) for label, coefficient in change}
+                for change in self.product.null_space
+            ],
+            "of": self.form,
+        }
 
     def _repr_latex_(self) -> str:
-        """Return names and groupings as formulas for a notebook."""
-        return report.robot_text.write_base_latex(self.robot, self.product)
+        from sympy import Add, Symbol, latex
+
+        lines = []
+        for entry in (*self.product.parameters, *self.product.friction):
+            letters = {label: Symbol(dynamics.write_label(self.robot, label)) for label, _ in entry.terms}
+            names = {symbol: dynamics.write_name_latex(str(symbol)) for symbol in letters.values()}
+            total = Add(*(factor * letters[label] for label, factor in entry.terms), evaluate=False)
+            group = latex(total, symbol_names=names, order="none")
+            lines.append(rf"{dynamics.write_name_latex(entry.name)} &= {group}")
+        return _ALIGNED.format(r" \\ ".join(lines))
 
 
 Notation = Literal["symid", "siciliano", "craig", "khalil"]
@@ -228,7 +325,6 @@ _STILL = 1e-3
 
 
 def _sample_log(robot: "robots.Robot", log: LogLike) -> "lessons.LoggedMotion":
-    """Return the motion of a log, filtered as for an identification; a LogError lists all its mistakes."""
     described = adopt_log_map(robot, log)
     (recording,) = log_files.read_recordings((take_one_log(log),), described)
     processing = regression.choose_filters(described.processing, [recording]).processing
@@ -346,20 +442,21 @@ class Derivation(Result):
         Raises:
             OutputError: the page cannot be written.
         """
-        check_suffix(Path(path), "such a lesson", (".html",))
-        return RobotDynamics(description=self.robot).write_lesson(path, **letters).path
+        return self._write(path, ".html", letters)
 
     def tex(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
         """Write the derivation as a document for pdflatex at `path`, .tex; `letters` are those of `html`."""
-        check_suffix(Path(path), "such a lesson", (".tex",))
-        return RobotDynamics(description=self.robot).write_lesson(path, **letters).path
+        return self._write(path, ".tex", letters)
 
     def ipynb(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
         """Write the derivation as a notebook at `path`, .ipynb, executed where that is possible, as `html`.
 
         The `letters` are those of `html`.
         """
-        check_suffix(Path(path), "such a lesson", (".ipynb",))
+        return self._write(path, ".ipynb", letters)
+
+    def _write(self, path: str | PathLike[str], suffix: str, letters: LessonLetters) -> Path:
+        check_suffix(Path(path), "such a lesson", (suffix,))
         return RobotDynamics(description=self.robot).write_lesson(path, **letters).path
 
     def summarise(self) -> str:
@@ -368,18 +465,51 @@ class Derivation(Result):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the steps, and the operations of generated functions."""
-        return report.robot_text.show_derivation(self.steps, self.operations, latex=self.latex)
+        paragraphs = []
+        for number, step in enumerate(self.steps, start=1):
+            lines = [f"{number}. {step.title}", "", f"   {step.sentence}"]
+            sides = ((e.left_latex, e.latex) if self.latex else (e.left, e.text) for e in step.formulas)
+            lines += [f"     {left} = {right}" for left, right in sides]
+            lines += ["", f"   Checked: {step.check}"] if step.check else []
+            paragraphs.append("\n".join(lines))
+        return (*paragraphs, self._tabulate_operations())
+
+    def _tabulate_operations(self) -> "report.Table":
+        """Return the operations of the chosen routes as a table, the worst of the others beside them."""
+        most: dict[str, int] = {}
+        for entry in self.operations:
+            size = entry.operations.mul + entry.operations.add
+            most[entry.function] = max(size, most.get(entry.function, 0))
+        rows = [
+            (one.function, own.mul, own.add, own.trig, most[one.function], one.route)
+            for one, own in ((entry, entry.operations) for entry in self.operations if entry.chosen)
+        ]
+        header = ("function", "mul", "add", "trig", "most", "route")
+        return report.Table(header, rows, (0, 5), _OPERATIONS)
 
     def _describe(self) -> dict[str, object]:
-        return report.robot_text.describe_derivation(self.robot.name, self.steps, self.operations)
+        operations = [describe_record(entry) for entry in self.operations]
+        for entry in operations:
+            entry.update(entry.pop("operations"))
+        steps = [describe_record(step) for step in self.steps]
+        return {"robot": self.robot.name, "steps": steps, "operations": operations}
 
     def _repr_html_(self) -> str:
-        """Return the derivation for a notebook, with formulas."""
-        return report.robot_text.write_derivation_html(self.steps, self.operations)
+        parts = []
+        for number, step in enumerate(self.steps, start=1):
+            parts.append(f"<h4>{number}. {escape(step.title)}</h4><p>{escape(step.sentence)}</p>")
+            formulas = (rf"$\displaystyle {entry.left_latex} = {entry.latex}$" for entry in step.formulas)
+            parts += [f"<p>{escape(formula)}</p>" for formula in formulas]
+            if step.check:
+                parts.append(f"<p>Checked: {escape(step.check)}</p>")
+        return "".join((*parts, report.write_html((self._tabulate_operations(),))))
 
     def _repr_latex_(self) -> str:
-        """Return the formulas of all steps."""
-        return report.robot_text.write_derivation_latex(self.steps)
+        lines = []
+        for number, step in enumerate(self.steps, start=1):
+            lines.append(rf"&\textbf{{{number}. {step.title}}}")
+            lines += [rf"{entry.left_latex} &= {entry.latex}" for entry in step.formulas]
+        return _ALIGNED.format(r" \\ ".join(lines))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, repr=False)
@@ -466,7 +596,8 @@ class RobotDynamics:
     @cached_property
     def base(self) -> BaseSet:
         """Return the base parameters: the smallest set that describes all motions and torques."""
-        return self._derive_base("torque")
+        product = dynamics.derive_base_parameters(self.description)
+        return BaseSet(robot=self.description, form="torque", product=product)
 
     def derive_base(self, form: BaseForm = "torque") -> BaseSet:
         """Return the base parameters of a `form`: "torque", "energy", "momentum", or "gravity" (at rest).
@@ -479,9 +610,8 @@ class RobotDynamics:
             >>> symid.load("two_link").derive_base("gravity").names
             ('MXR1', 'MY1', 'MX2', 'MY2')
         """
-        return self.base if form == "torque" else self._derive_base(form)
-
-    def _derive_base(self, form: BaseForm) -> BaseSet:
+        if form == "torque":
+            return self.base
         if form not in dynamics.BASE_FORMS:
             text = f"there is no form {form!r}; allowed are {', '.join(dynamics.BASE_FORMS)}"
             raise UsageError(Notice(code="usage.base-form", text=text))
@@ -541,8 +671,8 @@ class RobotDynamics:
         suffix = check_suffix(file, "a lesson", (".html", ".htm", ".tex", ".ipynb"))
         book = lessons.get_book(notation, angle=angle, long=long_sines)
         if (suffix == ".ipynb" and exercises) or (suffix in (".tex", ".ipynb") and log is not None):
-            given = "log: its motion is" if log is not None else f"exercises={exercises}: they are"
-            what = f"{given} part of a page; write a .html for that"
+            part = "log: its motion is" if log is not None else f"exercises={exercises}: they are"
+            what = f"{part} part of a page; write a .html for that"
             raise UsageError(Notice(code="usage.lesson-option", text=what))
         answers = sheet = executed = None
         if suffix == ".ipynb":
@@ -553,11 +683,9 @@ class RobotDynamics:
             if exercises and sheet_file.exists() and any(_read_sheet(sheet_file).answers.values()):
                 said = "has answers that were typed; move it, or name the page otherwise"
                 raise OutputError(Notice(code="output.answers", text=said, file=str(sheet_file)))
-            write = lessons.write_lesson_tex
-            if suffix != ".tex":
-                moved = None if log is None else _sample_log(robot, log)
-                write = partial(lessons.write_lesson_page, logged=moved)
-            page = write(robot, book, parameters, exercises=exercises, seed=seed, language=lang)
+            given: dict[str, Any] = {"tex": suffix == ".tex", "exercises": exercises, "seed": seed}
+            given |= {"logged": None if log is None else _sample_log(robot, log), "language": lang}
+            page = lessons.write_lesson(robot, book, parameters, **given)
             answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
             sheet = write_file(sheet_file, page.sheet) if page.sheet else None
             text = page.text

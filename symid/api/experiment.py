@@ -66,8 +66,13 @@ class ExcitedTrajectory(RecordResult, DrawnResult, PagedResult, excitation.Optim
         Raises:
             OutputError: the suffix is not .csv, or the file cannot be written.
         """
-        remarks = report.robot_text.list_remarks(self.robot, self, self.seed)
-        file = Path(path)
+        sizes, file = f"{self.condition:.4g}, best of random ones {self.random_condition:.4g}", Path(path)
+        used = max(margin.share or 0.0 for margin in self.margins)
+        remarks = (
+            f"{self.robot.name}: {self.trajectory.source}, seed {self.seed}",
+            f"condition number of the scaled regressor {sizes}",
+            f"margin to every limit: at least {1.0 - used:.1%}",
+        )
         excitation.write_trajectory(
             self.trajectory, file, self.robot, rate=rate, periods=periods, remarks=remarks
         )
@@ -81,7 +86,6 @@ class ExcitedTrajectory(RecordResult, DrawnResult, PagedResult, excitation.Optim
         return report.result_pages.build_excitation_page(self.robot, self)
 
     def _draw(self) -> "tuple[report.Drawing, ...]":
-        """Return positions and velocities over time, and the used part of each limit."""
         return report.drawings.draw_excitation(self, self.robot)
 
     def summarise(self) -> str:
@@ -93,7 +97,28 @@ class ExcitedTrajectory(RecordResult, DrawnResult, PagedResult, excitation.Optim
         return report.robot_text.show_excitation(self)
 
     def _describe(self) -> dict[str, object]:
-        return report.robot_text.describe_excitation(self.robot, self, self.seed)
+        harmonics = (self.coefficients.shape[1] - 1) // 2
+        return {
+            "robot": self.robot.name,
+            "trajectory": self.trajectory.source,
+            "duration": self.trajectory.duration,
+            "harmonics": harmonics,
+            "seed": self.seed,
+            "factor": self.factor,
+            **describe_record(self),
+            "joints": [
+                {"name": joint.name, "centre": centre, "sines": row[:harmonics], "cosines": row[harmonics:]}
+                for joint, (centre, *row) in zip(self.robot.axes, self.coefficients.tolist(), strict=True)
+            ],
+            "limits": [
+                {
+                    **describe_record(margin),
+                    "share_percent": None if margin.share is None else 100.0 * margin.share,
+                    "allowed_percent": 100.0 * margin.allowed,
+                }
+                for margin in self.margins
+            ],
+        }
 
 
 @final

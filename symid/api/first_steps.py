@@ -71,8 +71,14 @@ def check_installation() -> Iterator[InstallationFinding]:
     yield InstallationFinding("calls of compiled code", calls.name, calls.remedy, needed=False)
     remedy = "" if make else "install make, to build generated folders and run their self-test"
     yield InstallationFinding("make", make or "none", remedy, needed=False)
-    folder = codegen.locate_cache_folder()
-    entries, size = _measure_cache(folder)
+    folder, size = codegen.locate_cache_folder(), 0
+    # Other processes may take entries away at any time: what has gone counts nothing.
+    for place, _, names in os.walk(folder):
+        for name in names:
+            with contextlib.suppress(FileNotFoundError):
+                size += Path(place, name).lstat().st_size
+    _, inside, _ = next(os.walk(folder), ("", [], []))
+    entries = sum(not name.startswith(".") for name in inside)
     existing = next((path for path in (folder, *folder.parents) if path.exists()), folder)
     remedy = "" if os.access(existing, os.W_OK) else "make it writable, or set XDG_CACHE_HOME"
     yield InstallationFinding("cache", f"{folder}: {entries} libraries, {size / 1e6:.1f} MB", remedy)
@@ -82,18 +88,6 @@ def check_installation() -> Iterator[InstallationFinding]:
         except SymidError:
             found, remedy = "missing", "install symid again"
         yield InstallationFinding(name, found, remedy)
-
-
-def _measure_cache(folder: Path) -> tuple[int, int]:
-    """Return the number of libraries in a cache, and the bytes of its files."""
-    size = 0
-    # Other processes may take entries away at any time: what has gone counts nothing.
-    for place, _, names in os.walk(folder):
-        for name in names:
-            with contextlib.suppress(FileNotFoundError):
-                size += Path(place, name).lstat().st_size
-    _, entries, _ = next(os.walk(folder), ("", [], []))
-    return sum(not name.startswith(".") for name in entries), size
 
 
 @final
@@ -425,14 +419,15 @@ def judge_demo(deviations: DemoErrors, tracking: "Sequence[elastic.TrackingRun]"
         tracking: with rigid feed-forward first, then with that of the identified model.
     """
     parameters, hysteresis = deviations
-    notices = []
-    for code, what, error, most in (
+    limits = (
         ("demo.off-truth", "largest parameter", parameters, _MOST_PARAMETERS),
         ("demo.off-spring", "hysteresis", hysteresis, _MOST_HYSTERESIS),
-    ):
-        if not error <= most:
-            text = f"{what} error {error:.3g} %; the limit is {most:g} %"
-            notices.append(Notice(code=code, text=text))
+    )
+    notices = [
+        Notice(code=code, text=f"{what} error {error:.3g} %; the limit is {most:g} %")
+        for code, what, error, most in limits
+        if not error <= most
+    ]
     if not (tracking[1].rms < tracking[0].rms).all():
         text = "feed-forward of the identified model does not reduce the tracking errors of the rigid one"
         notices.append(Notice(code="demo.no-gain", text=text))

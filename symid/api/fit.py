@@ -132,7 +132,6 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
         return self.remarks
 
     def _draw(self) -> "tuple[report.Drawing, ...]":
-        """Return the least certain parameters; of elastic joints the springs, of friction its curves."""
         return report.draw_fit(self.product)
 
     def __len__(self) -> int:

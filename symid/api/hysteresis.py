@@ -155,7 +155,7 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
         return report.result_pages.show_element(self.record)
 
     def _describe(self) -> dict[str, object]:
-        return report.result_pages.describe_element(self.record)
+        return {**describe_record(self.record), "inverse": elements.describe_inversion(self.record) or None}
 
     def predict(self, x: ArrayLike, t: ArrayLike | None = None, *, start: str | None = None) -> FloatArray:
         """Return the output (N,) for an input `x` (N,), at times `t` (N,) in s where it needs them.

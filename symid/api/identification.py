@@ -22,8 +22,12 @@ from symid.api.result import PagedResult, Result, SavedResult
 from symid.arrays import FloatArray
 from symid.errors import EstimateError, Notice
 from symid.identification import elastic
+from symid.notation import INERTIAL
+from symid.serialization import describe_record
 
 CasadiExpression: TypeAlias = Any
+_FAR = 3.0
+"""Deviations between the nearest body and least squares beyond which something else changed."""
 
 
 @final
@@ -165,7 +169,33 @@ class PayloadResult(PagedResult, SavedResult):
     @property
     def notices(self) -> tuple[Notice, ...]:
         """Return warnings: quantities that are not identifiable, other changes between both sides."""
-        return tuple(dict.fromkeys((*self.product.notices, *report.robot_text.warn_payload(self.payload))))
+        found, texts = self.payload, dict[str, str]()
+        refused = [entry.name for entry in found.quantities if entry.value is None]
+        if refused:
+            names = ", ".join(refused)
+            texts["refused"] = f"not identifiable: {names}; do not enter guessed values in a controller"
+        unexplained, friction = (
+            ", ".join(
+                f"{entry.name} from {entry.before:.4g} to {entry.after:.4g} ({entry.deviations:+.2g} std)"
+                for entry in changes
+            )
+            for changes in (found.unexplained, found.friction)
+        )
+        if unexplained and found.doubtful:
+            texts["other-changes"] = (
+                f"base parameters changed as no payload explains: {unexplained}. Something else changed "
+                "between the logs, or friction and filters bias one of them; use the same motions"
+            )
+        if friction:
+            text = f"friction changed: {friction}; gear friction grows with load and falls with temperature"
+            texts["friction-changed"] = text
+        if found.moved > _FAR:
+            texts["inconsistent"] = (
+                f"the nearest physically consistent body is {found.moved:.2g} standard deviations away from "
+                "the change of the base parameters: something else changed between the logs"
+            )
+        warnings = (Notice(code=f"payload.{code}", text=text) for code, text in texts.items())
+        return tuple(dict.fromkeys((*self.product.notices, *warnings)))
 
     def _build_page(self) -> "report.Page":
         return report.result_pages.build_payload_page(self.product.robot, self.payload, self.notices)
@@ -176,10 +206,27 @@ class PayloadResult(PagedResult, SavedResult):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the tables of identified and of refused quantities, with the reasons."""
-        return report.robot_text.show_payload(self.product.robot, self.payload)
+        found = self.payload
+        head = (
+            f"{self.product.robot}: payload on the link of joint {found.joint!r}\n"
+            "in the link frame of the robot file; inertia about the centre of mass"
+        )
+        rows = [(e.name, e.value, e.std, e.unit) for e in found.quantities if e.value is not None]
+        refused = "\n".join(f"refused: {e.name}: {e.reason}" for e in found.quantities if e.value is None)
+        large = f"standard deviations are multiplied by {found.scale:.3g}, because chi^2 is too large"
+        texts = filter(None, (refused, large * (found.scale > 1.0)))
+        return (head, report.Table(("quantity", "value", "std", "unit"), rows, (0, 3)), *texts)
 
     def _describe(self) -> dict[str, object]:
-        return report.robot_text.describe_payload(self.product.robot, self.payload)
+        values = {entry.name: entry.value for entry in self.payload.quantities}
+        return {
+            "robot": self.product.robot,
+            **describe_record(self.payload),
+            "mass": values["mass"],
+            "com": [values[name] for name in ("cx", "cy", "cz")],
+            "inertia": {name[1:]: value for name, value in values.items() if name.startswith("J")},
+            "standard": dict(zip(INERTIAL, self.payload.standard.tolist(), strict=True)),
+        }
 
     def for_controller(
         self, controller: str, frame: "identification.FlangeFrame" = None

@@ -11,7 +11,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from os import PathLike, fspath
 from pathlib import Path
-from typing import Protocol, final, runtime_checkable
+from typing import Any, Protocol, final, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,7 @@ from symid.arrays import FloatArray
 from symid.errors import LogError, Notice, UsageError
 from symid.identification import IdentifyOptions, LawOptions, rigid
 from symid.options import ABOVE, check_value
+from symid.serialization import describe_record
 
 Settings = str | Mapping[str, object]
 """Settings in place of the robot file's: the name of a set in the file, or values by dotted key.
@@ -71,7 +72,6 @@ class Measurements(DrawnResult):
     robot: "robots.Robot"
 
     def _draw(self) -> "tuple[report.Drawing, ...]":
-        """Return positions and torques over time."""
         return report.drawings.draw_log(self.recording, self.robot)
 
     @property
@@ -175,7 +175,25 @@ class Log(Measurements):
 
     def _describe(self) -> dict[str, object]:
         summary = log_files.summarise_joints(self.recording, self.robot)
-        return report.robot_text.describe_log(self.recording, log_files.measure_timing(self.time), summary)
+        return _describe_log(self.recording, log_files.measure_timing(self.time), summary)
+
+
+def _describe_log(
+    recording: "log_files.Recording",
+    timing: "log_files.LogTiming",
+    joints: "tuple[log_files.JointSummary, ...]",
+) -> dict[str, object]:
+    """Return what the log itself says, without the robot's dynamics."""
+    return {
+        "file": recording.source,
+        "samples": timing.samples,
+        "duration": timing.duration,
+        "period": recording.period,
+        "has_velocity": recording.velocity is not None,
+        "second_encoder": log_files.get_second_encoder_side(recording),
+        "timing": {**describe_record(timing), "even": timing.even},
+        "joints": [describe_record(joint) for joint in joints],
+    }
 
 
 @runtime_checkable
@@ -222,7 +240,6 @@ def list_logs(logs: Logs, pairs: Sequence[tuple[str, str]] = ()) -> "tuple[Path 
 
 
 def _list_files_and_logs(logs: Logs) -> tuple[Path | Log, ...]:
-    """Return files and logs, each by itself."""
     given = (logs,) if isinstance(logs, str | PathLike | Log | Logged) else tuple(logs)
     found = (entry.log if isinstance(entry, Logged) else entry for entry in given)
     return tuple(entry if isinstance(entry, Log) else Path(fspath(entry)) for entry in found)
@@ -419,6 +436,7 @@ def build_log(
     """
     arrays = {"q": q, "tau": tau, "dq": dq, "ddq": ddq, "theta": theta}
     arrays |= {"load": load, "temperature": temperature}
+    names = ("position", "torque", "velocity", "acceleration", "motor_position", "load", "temperature")
     try:
         given = {name: np.asarray(value, dtype=float) for name, value in arrays.items() if value is not None}
         stamps = np.asarray(time, dtype=float)
@@ -432,17 +450,8 @@ def build_log(
         wrong.append("time must be a list of two or more stamps in s that increase")
     if wrong:
         raise LogError(*(Notice(code="log.arrays", text=text, file=source) for text in wrong))
-    recording = log_files.Recording(
-        time=stamps,
-        position=given["q"],
-        torque=given["tau"],
-        velocity=given.get("dq"),
-        acceleration=given.get("ddq"),
-        motor_position=given.get("theta"),
-        load=given.get("load"),
-        temperature=given.get("temperature"),
-        source=source,
-    )
+    columns: dict[str, Any] = dict(zip(names, map(given.get, arrays), strict=True))
+    recording = log_files.Recording(time=stamps, source=source, **columns)
     return Log(recording=recording, robot=robot.description)
 
 
@@ -494,7 +503,6 @@ class RobotCheck(DrawnResult, PagedResult):
         return report.result_pages.build_check_page(self.robot, self.product)
 
     def _draw(self) -> "tuple[report.Drawing, ...]":
-        """Return positions and torques of every log, with what was found marked; else the robot."""
         return report.result_pages.draw_check(self.robot, self.product)
 
     def summarise(self) -> str:
@@ -511,4 +519,28 @@ class RobotCheck(DrawnResult, PagedResult):
         return report.robot_text.show_robot_check(self.robot, self.product, brief=True)
 
     def _describe(self) -> dict[str, object]:
-        return report.robot_text.describe_robot_check(self.robot, self.product)
+        joints = self.robot.joints
+        found: dict[str, object] = {
+            "robot": self.robot.name,
+            "file": self.robot.path,
+            "convention": self.robot.convention,
+            "joints": [{"name": e.name, "kind": e.kind.value, "friction": e.friction.law} for e in joints],
+            "logs": [_describe_log(log.recording, log.timing, log.joints) for log in self.logs],
+        }
+        if self.product.copy is not None:
+            file, notice = self.product.copy
+            found["resampled"] = {"file": str(file), "text": notice.text}
+        if self.excitation is not None:
+            names = [joint.name for joint in self.robot.axes]
+            found["dynamics"] = [
+                {
+                    "file": check.source,
+                    "signs": [{**describe_record(one), "joint": names[one.joint]} for one in check.signs],
+                    "causes": [describe_record(cause) for cause in check.causes],
+                    "torque_delay": check.delay
+                    and {**describe_record(check.delay), "late": check.delay.late},
+                }
+                for check in self.dynamics
+            ]
+            found["excitation"] = describe_record(self.excitation)
+        return found

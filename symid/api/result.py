@@ -117,7 +117,6 @@ class Result(ABC):
         return self.blocks()
 
     def _repr_html_(self) -> str:
-        """Return the result for a notebook."""
         notices = filter(None, (self._list_notices(),))
         blocks = (*self.opening(), *self._tabulate(), *notices, *self.figures())
         return report.write_html(blocks, failed=not self.accepted)
@@ -208,7 +207,6 @@ class JudgedResult(Result):
         return ""
 
     def _list_doubts(self) -> tuple[Notice, ...]:
-        """Return the notice of a doubtful or wrong verdict."""
         return report.list_verdict_notices(self.verdict, self._name_file(), tried=self._tried)
 
     def _list_remarks(self) -> tuple[Notice, ...]:
@@ -268,7 +266,6 @@ class Figures:
         return f"<Figures {'; '.join(entry.caption for entry in self.drawings)}>"
 
     def _repr_html_(self) -> str:
-        """Return the figures for a notebook."""
         return report.write_html(self.drawings)
 
     def draw(self, ax: object) -> "Figures":

@@ -10,9 +10,9 @@ from os import PathLike, fspath
 from pathlib import Path
 from typing import Literal, final
 
-from symid import identification, logs as log_files, report, robot as robots
+from symid import identification, joint_models, logs as log_files, report, robot as robots
 from symid.api.result import Progress, Result, ignore
-from symid.environment import check_suffix, write_file
+from symid.environment import check_suffix, show_path, write_file
 from symid.errors import EstimateError, Notice
 from symid.identification import friction as friction_fits
 from symid.options import DraftOptions, ExportOptions, Numbers, merge
@@ -67,14 +67,31 @@ class RobotDraft(Result):
 
     def summarise(self) -> str:
         """Return the name and the number of joints."""
-        return report.robot_text.summarise_draft(self.robot)
+        return f"{self.robot.name}, {len(self.robot.joints)} joint{'s'[: len(self.robot.joints) != 1]}"
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the robot, and the columns and units of its log."""
-        return report.robot_text.show_draft(self.product)
+        part = self.product.log
+        if part is None:
+            return (self.summarise(),)
+        preset = "" if part.robot.log.preset is None else f" (columns of {part.robot.log.preset})"
+        read = part.read.items()
+        rows = [(name, ", ".join(entry.columns), ", ".join(part.units[name])) for name, entry in read]
+        title = f"log: {part.file}{preset}"
+        return (self.summarise(), report.Table(("quantity", "columns", "unit"), rows, (0, 1, 2), title))
 
     def _describe(self) -> dict[str, object]:
-        return report.robot_text.describe_draft(self.product)
+        joints = [{"name": joint.name, "kind": joint.kind.value} for joint in self.robot.joints]
+        part = self.product.log
+        log = part and {
+            "file": part.file,
+            "preset": part.robot.log.preset,
+            "columns": {name: list(entry.columns) for name, entry in part.read.items()},
+            "units": {name: ", ".join(part.units[name]) for name in part.read},
+            "unused": list(part.unused),
+        }
+        given = {"log": log} if log else {}
+        return {"robot": self.robot.name, "joints": joints, **given, "notices": len(self.notices)}
 
 
 def new_robot(
@@ -181,10 +198,45 @@ class ExportedFile(Result):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the format and the path, and the accuracy of bodies or the laws of joints."""
-        return report.robot_text.show_export(self.product)
+        found = self.product
+        lines = [f"{found.format}: {show_path(found.file)}"]
+        lines += [] if found.standard is None else [found.standard.outcome.value]
+        lines += [f"all else as in {found.rewritten}"] if found.rewritten else []
+        if found.costs:
+            parts = (f"{entry.joint} {entry.percent:.2g} %" for entry in found.costs)
+            lines.append(f"torque that these bodies add to the residual: {', '.join(parts)}")
+        if found.scales:
+            parts = (f"{entry.joint} {entry.ratio:.3g}" for entry in found.scales)
+            lines.append(f"torque, identified / robot file: {', '.join(parts)}")
+        if found.friction is not None:
+            laws = found.friction.laws
+            pairs = ((joint, laws[joint], entry.law) for joint, entry in found.friction.values.items())
+            lines += [f"{joint}: {law}{f' as {written}' * (law != written)}" for joint, law, written in pairs]
+        return ("\n".join(lines),)
 
     def _describe(self) -> dict[str, object]:
-        return report.robot_text.describe_export(self.product)
+        found, file, name = self.product, str(self.file), self.product.robot.name
+        if found.friction is not None:
+            written = {
+                joint: {
+                    "law": found.friction.laws[joint],
+                    "model": values.law,
+                    "values": joint_models.name_values(values),
+                    "shape": joint_models.name_shape(values),
+                    "smoothing": values.smoothing,
+                }
+                for joint, values in found.friction.values.items()
+            }
+            return {"file": file, "robot": name, "written": written, "kept": dict(found.friction.kept)}
+        bodies = found.standard and {
+            "largest_change": max(map(abs, found.standard.residual.tolist()), default=0.0),
+            "blamed": found.standard.blamed,
+            "not_identified": found.missing,
+            "torque_ratio": {entry.joint: entry.ratio for entry in found.scales},
+            "cost_percent": {entry.joint: entry.percent for entry in found.costs},
+        }
+        how = {"elastic": any(found.robot.elastic), "outcome": found.outcome, **(bodies or {})}
+        return {"file": file, "format": found.format, "robot": name, **how, "left_out": found.left_out}
 
 
 def export_fit(

@@ -5,7 +5,7 @@ estimate, other estimates or tables of values -> `Comparison`, group by group.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
@@ -17,6 +17,7 @@ from symid.environment import show_path
 from symid.errors import Notice, UsageError
 from symid.identification import estimators, rigid
 from symid.options import ABOVE, check_value
+from symid.serialization import describe_record
 
 
 @final
@@ -85,15 +86,139 @@ class LogValidation(JudgedResult, DrawnResult):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the headline and the tables of residuals."""
-        return report.validation_text.show_trial(self.product)
+        found = self.product
+        if isinstance(found, identification.ElasticValidation):
+            return _show_elastic(found)
+        motion, within, more = found.validation.motion, "", ""
+        match found:
+            case identification.RigidValidation():
+                kind = " (joints taken as rigid)" if any(found.robot.elastic) else ""
+                limit, table = found.validation.scoring, report.fit_text.show_residual(found.residual)
+                metric = report.fit_text.show_all_rows(found.validation)
+                if found.band is not None:
+                    limit, motion, stacked = found.band.band, (), found.band.stacked_percent
+                    metric = f"measured and predicted torque: both low-pass at {limit:g} Hz (Butterworth, "
+                    metric += "order 4, zero phase), without 0.5 s at either end"
+                    metric += "" if stacked is None else f"; all joints as one vector: {stacked:.4f} %"
+                    rows = [
+                        (e.joint, e.std, f"{e.relative_percent:.4f}", f"{share:.4f}", e.unit, e.samples)
+                        for e, share in zip(found.band.joints, found.band.range_percent, strict=True)
+                    ]
+                    header = ("joint", "rms", "relative/%", "of range/%", "unit", "samples")
+                    table = report.Table(header, rows, (0, 4))
+                within = f" within {limit:.3g} Hz" if limit else ""
+                more = "".join(f"\n{text}" for text in (found.settled.describe(), metric) if text)
+            case identification.FrictionValidation():
+                kind = ", friction and rigid part"
+                laws = [
+                    (e.joint, found.laws[e.joint], f"{e.relative_percent:.4f}", e.std, e.unit, e.samples)
+                    for e in found.validation.residual
+                ]
+                table = report.Table(("joint", "law", "relative/%", "RMS", "unit", "rows"), laws, (0, 1, 4))
+        mean = f"mean relative residual {found.mean_relative_percent:.4f} %"
+        headline = f"{found.robot.name}{kind} on {found.validation.source}{within}: {mean}"
+        return (f"{headline}{more}", table, *report.fit_text.show_motion(motion))
 
     def _describe(self) -> dict[str, object]:
-        found = report.validation_text.describe_trial(self.product)
-        return {**found, "gate": self.gate, "accepted": self.accepted}
+        match self.product:
+            case identification.RigidValidation(band=band) as found:
+                within = band and {
+                    "frequency": band.band,
+                    "residual": [
+                        {**describe_record(entry), "range_percent": share}
+                        for entry, share in zip(band.joints, band.range_percent, strict=True)
+                    ],
+                    "stacked_percent": band.stacked_percent,
+                    "mean_relative_percent": band.mean_relative_percent,
+                }
+                plain = {
+                    **report.fit_text.describe_validation(found.validation),
+                    "mean_relative_percent": found.mean_relative_percent,
+                    "residual": [describe_record(entry) for entry in found.residual],
+                    **({} if within is None else {"band": within}),
+                    "processing": {**asdict(found.settled.processing), "origin": dict(found.settled.origin)},
+                }
+            case identification.FrictionValidation() as found:
+                plain = report.fit_text.describe_validation(found.validation) | {"laws": dict(found.laws)}
+            case identification.ElasticValidation() as found:
+                plain = _describe_elastic(found)
+        return {**plain, "gate": self.gate, "accepted": self.accepted}
 
     def _draw(self) -> "tuple[report.Drawing, ...]":
-        """Return measured and predicted torques; for elastic joints hysteresis loops."""
-        return report.validation_text.draw_trial(self.product)
+        if isinstance(self.product, identification.ElasticValidation):
+            return tuple(map(report.draw_loops, self.product.trial.joints))
+        found = self.product.validation
+        return tuple(report.draw_prediction(series, found.rows) for series in found.series)
+
+
+_UNITS = ("rad", "m")
+"""Of the positions of joints that turn, and that slide."""
+
+
+def _show_elastic(found: "identification.ElasticValidation") -> "tuple[report.Block, ...]":
+    trial, tracking = found.trial, found.tracking
+    mean = f"mean relative residual {trial.mean_relative_percent:.4f} %, by motors and links together"
+    head = f"{found.robot.name} on {trial.source}: {mean}"
+    if trial.means[1:]:
+        head += f"; with the springs {max(trial.means[1:]):.4f} %"
+    blocks: list[report.Block] = [head]
+    for caption, entries in trial.residuals:
+        blocks += [caption, report.fit_text.show_residual(entries)]
+    lacking = ", ".join(joint.joint for joint in trial.joints if joint.final is None)
+    if lacking:
+        cannot = "its spring torque cannot be predicted, and the gate does not test it"
+        blocks.append(f"The estimate has no spring of {lacking}: {cannot}.")
+    if tracking is None:
+        return tuple(blocks)
+    rows = list[Sequence[object]]()
+    for k, joint in enumerate(found.robot.axes):
+        sizes = ((run.name, 1e3 * float(run.rms[k]), 1e3 * float(run.peak[k])) for run in tracking.runs)
+        rows += [(joint.name, *size, f"m{_UNITS[joint.prismatic]}") for size in sizes]
+    text = (
+        f"Tracking of {tracking.trajectory.source}: closed loop of the robot file's values, which the "
+        "feed-forward does not use. The rigid feed-forward has dynamics and friction of Case 1."
+    )
+    return (
+        *blocks,
+        text,
+        report.Table(("joint", "feed-forward", "rms", "peak", "unit"), rows, left=(0, 1, 4)),
+    )
+
+
+def _describe_elastic(found: "identification.ElasticValidation") -> dict[str, object]:
+    trial, tracking, joints = found.trial, found.tracking, found.robot.axes
+    tables = [
+        {"caption": caption, "residual": list(map(describe_record, entries)), "mean_relative_percent": mean}
+        for (caption, entries), mean in zip(trial.residuals, trial.means, strict=True)
+    ]
+    return {
+        "robot": found.estimate.robot,
+        "method": found.estimate.method,
+        "log": trial.source,
+        "samples": len(trial.joints[0].time),
+        "residual": tables[0]["residual"],
+        "mean_relative_percent": trial.mean_relative_percent,
+        "tables": tables,
+        "alignment": found.alignment
+        and report.fit_text.describe_alignment(found.alignment, [joint.name for joint in joints]),
+        "tracking": tracking
+        and {
+            "trajectory": tracking.trajectory.source,
+            "duration": tracking.trajectory.duration,
+            "seed": tracking.seed,
+            "runs": [
+                {
+                    "feed_forward": run.name,
+                    "method": tracking.methods.get(run.name),
+                    "joints": [
+                        {"joint": joint.name, "rms": rms, "peak": peak, "unit": _UNITS[joint.prismatic]}
+                        for joint, rms, peak in zip(joints, run.rms.tolist(), run.peak.tolist(), strict=True)
+                    ],
+                }
+                for run in tracking.runs
+            ],
+        },
+    }
 
 
 @final
@@ -122,10 +247,48 @@ class FitDiagnosis(Result):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the findings, and a table of residual structure."""
-        return report.validation_text.show_diagnosis(self.product)
+        diagnosis, drift = self.product, self.product.drift
+        lines = [report.describe_rank(diagnosis), report.describe_essential(diagnosis)]
+        if diagnosis.refit is not None:
+            moves = f"moves the estimate by {diagnosis.refit:.1g} standard deviations"
+            same = diagnosis.refit < _SAME_FIT
+            lines.append(f"Refitting the logs {'reproduces the stored estimate' if same else moves}.")
+        if len(drift.runs) > 1:
+            lines.append(f"{len(drift.changed)} of {drift.compared} parameters differ between the logs.")
+        for entry in diagnosis.prices:
+            verb = "lowers" if entry.percent < 0.0 else "raises"
+            what = f"{entry.what[:1].upper()}{entry.what[1:]}"
+            lines.append(f"{what} {verb} the {entry.of} by {abs(entry.percent):.3g} %.")
+        rows = [(e.joint, e.family, f"{e.share_percent:.3g}", e.rms, e.unit) for e in diagnosis.structure]
+        header = ("joint", "residual follows", "share/%", "rms", "unit")
+        return ("\n".join(lines), *([report.Table(header, rows, (0, 1, 4))] if rows else []))
 
     def _describe(self) -> dict[str, object]:
-        return report.validation_text.describe_diagnosis(self.product)
+        diagnosis, found = self.product, self.product.bootstrap
+        columns = (found.deviations.tolist(), found.low.tolist(), found.high.tolist())
+        return {
+            **describe_record(diagnosis),
+            "refit": None if diagnosis.refit is None else {"largest_difference_stds": diagnosis.refit},
+            "correlated": [
+                {"parameters": [first, second], "correlation": value}
+                for first, second, value in diagnosis.correlated
+            ],
+            "bootstrap": {
+                "blocks": found.blocks,
+                "replicates": found.replicates,
+                "parameters": [
+                    {"name": name, "std": std, "low": low, "high": high}
+                    for name, std, low, high in zip(found.names, *columns, strict=True)
+                ],
+            },
+            "structure": [
+                {**describe_record(entry), "advice": entry.advice} for entry in diagnosis.structure
+            ],
+        }
+
+
+_SAME_FIT = 0.05
+"""Standard deviations of a parameter below which a refit is the same."""
 
 
 @final
@@ -175,19 +338,20 @@ class FitPage(JudgedResult):
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the path of the page, the processing of the logs, and the diagnosis."""
         head = "\n".join((f"report: {show_path(self.file)}", *self.page.lines))
-        return (
-            (head,)
-            if self.diagnosis is None
-            else (head, *report.validation_text.show_diagnosis(self.diagnosis))
-        )
+        return (head, *(found.blocks() if (found := self._diagnosis) else ()))
+
+    @property
+    def _diagnosis(self) -> FitDiagnosis | None:
+        found = self.diagnosis
+        return None if found is None else FitDiagnosis(robot=self.page.robot, product=found)
 
     def _describe(self) -> dict[str, object]:
         page = self.page
         found: dict[str, object] = {"robot": page.robot, "file": page.file, "validations": page.sources}
         if page.processing is not None:
             found["processing"] = page.processing
-        if page.diagnosis is not None:
-            found["diagnosis"] = report.validation_text.describe_diagnosis(page.diagnosis)
+        if self._diagnosis is not None:
+            found["diagnosis"] = self._diagnosis.to_dict()
         return found
 
 
@@ -257,7 +421,17 @@ class Comparison(PagedResult):
     @property
     def notices(self) -> tuple[Notice, ...]:
         """Return warnings: doubtful deviations, parameters left out, possible readings of groups."""
-        return report.validation_text.warn_comparison(self.ours, self.found)
+        # What was restored from one estimate says nothing of a comparison.
+        notices = [
+            note for note in self.ours.identified.robot.notices if note.code != "estimate.settings-differ"
+        ]
+        for found in self.found:
+            notices += [
+                *self.ours.notices,
+                *found.other.notices,
+                *report.comparison_text.warn_compared(found),
+            ]
+        return tuple(dict.fromkeys(notices))
 
     @property
     def errors(self) -> tuple[Notice, ...]:
@@ -275,11 +449,12 @@ class Comparison(PagedResult):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return values of both sides, counts, chi-square and largest differences, for every other."""
-        return report.validation_text.show_comparison(self.ours, self.found)
+        return report.comparison_text.show_comparison(self.ours, self.found)
 
     def _describe(self) -> dict[str, object]:
-        found = report.validation_text.describe_comparison(self.ours, self.found)
-        return {**found, "gate": self.gate, "accepted": self.accepted}
+        head = {"robot": self.ours.identified.robot.name, "estimate": show_path(self.ours.source)}
+        others = [report.comparison_text.describe_compared(found) for found in self.found]
+        return {**head, "others": others, "gate": self.gate, "accepted": self.accepted}
 
 
 def compare_fit(

@@ -174,37 +174,29 @@ def print_answer(answer: Answer, console: Console, *, as_json: bool, verbose: bo
         click.echo(write_json(envelope))
         return
     most = None if verbose else MOST_WARNINGS
-    notices = answer.warnings if verbose or whole else _count_robot_notes(answer.warnings)
+    notices = list(answer.warnings)
+    if not (verbose or whole):
+        # One in place of those on a robot file that are not severe.
+        notes = [entry for entry in notices if entry.code.startswith("robot.") and entry.code not in SEVERE]
+        notices = [entry for entry in notices if entry not in notes]
+        for file in dict.fromkeys(entry.file for entry in notes):
+            count = len({entry for entry in notes if entry.file == file})
+            said = f"{count} note{'s'[: count > 1]} on the robot file: symid check {file} prints "
+            said += "them" if count > 1 else "it"
+            notices.append(Notice(code="robot.notes", text=said, file=file))
     told = [] if console.quiet else [*list_notice_lines(notices, answer.sources, "-v shows them", most=most)]
-    if text := _write_text(
-        answer, LINES - len(console.stages) - len(told) - len(answer.errors), verbose=verbose
-    ):
+    text = report.write_text(answer.blocks)
+    # Without -v so many lines, the last of which says where the rest is.
+    room = max(LINES - len(console.stages) - len(told) - len(answer.errors), LINES // 2)
+    if not verbose and len(text.splitlines()) > room:
+        stored = Path(str(answer.result.get("file", "")))
+        held = f"; all values are in {show_path(stored)}" if stored.suffix == ".json" else ""
+        text = f"{report.shorten_text(answer.brief, room - 2)}\n\nshortened: -v prints all{held}"
+    if text:
         click.echo(text)
     for kind, line in told:
         _print_line(kind, line)
     print_errors(answer.errors)
-
-
-def _write_text(answer: Answer, most: int, *, verbose: bool) -> str:
-    """Return what people read, without -v in `most` lines, the last of which says where the rest is."""
-    whole = report.write_text(answer.blocks)
-    most = max(most, LINES // 2)
-    if verbose or (len(whole.splitlines()) <= most):
-        return whole
-    file = Path(str(answer.result.get("file", "")))
-    held = f"; all values are in {show_path(file)}" if file.suffix == ".json" else ""
-    return f"{report.shorten_text(answer.brief, most - 2)}\n\nshortened: -v prints all{held}"
-
-
-def _count_robot_notes(notices: Sequence[Notice]) -> list[Notice]:
-    """Return the notices with one in place of those on a robot file that are not severe."""
-    notes = [entry for entry in notices if entry.code.startswith("robot.") and entry.code not in SEVERE]
-    rest = [entry for entry in notices if entry not in notes]
-    for file in dict.fromkeys(entry.file for entry in notes):
-        count = len({entry for entry in notes if entry.file == file})
-        text = f"{count} note{'s'[: count > 1]} on the robot file: symid check {file} prints "
-        rest.append(Notice(code="robot.notes", text=f"{text}{'them' if count > 1 else 'it'}", file=file))
-    return rest
 
 
 def print_errors(notices: Sequence[Notice], *, as_json: bool = False) -> None:
@@ -255,7 +247,6 @@ class _Verbs(click.Group):
     """The group of verbs, imported on demand."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002  click's interface
-        """Return the verbs in the order in which they are used."""
         return list(VERBS)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002  click's interface
@@ -270,7 +261,6 @@ class _Verbs(click.Group):
             formatter.write_dl(lines)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
-        """Return the verb, or None."""
         if cmd_name not in _FILES:
             return None
         file = importlib.import_module(f"symid.cli.{_FILES[cmd_name]}")

@@ -84,10 +84,8 @@ def identify_command(
             them = "them" if rest[1:] else "it"
             text = f"{', '.join(rest)} cannot be used with --method stiffness; leave {them} out"
             raise UsageError(Notice(code="usage.mixed-options", text=text))
-        for key, name in (("cutoff", "filter_cutoff"), ("decimate", "decimation.factor")):
-            value = cuts.pop(key)
-            if value is not None:
-                settings[f"processing.{name}"] = value
+        given = {"filter_cutoff": cuts.pop("cutoff"), "decimation.factor": cuts.pop("decimate")}
+        settings |= {f"processing.{name}": value for name, value in given.items() if value is not None}
         found = model.identify_stiffness(logs, train=parts, settings=settings, **cuts)
         return cli.add_page(answer_saved(found, output, "result"), found, page)
     if further["prior"] not in (None, "robot"):

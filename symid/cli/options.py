@@ -46,8 +46,6 @@ Decorator = Callable[[Callable[..., Given]], Callable[..., Given]]
 
 
 class _GroupedOption(click.Option):
-    """An option with a heading in the help."""
-
     def __init__(self, *arguments: Given, group: str = "", **settings: Given) -> None:
         super().__init__(*arguments, **settings)
         self.group = group
@@ -78,13 +76,11 @@ class Verb(click.Command):
 
     def __init__(self, *arguments: Given, **settings: Given) -> None:
         super().__init__(*arguments, **settings)
+        more = "All lines, warnings and notes, more progress; a traceback when symid fails."
         for names, text in (
             (("--json", "as_json"), "Print one JSON object on stdout."),
             (("-q", "--quiet"), "No progress and no warnings."),
-            (
-                ("-v", "--verbose"),
-                "All lines, warnings and notes, more progress; a traceback when symid fails.",
-            ),
+            (("-v", "--verbose"), more),
         ):
             self.params.append(_GroupedOption(names, is_flag=True, help=text, group=self.flags))
 
@@ -96,7 +92,15 @@ class Verb(click.Command):
             del given[flag]
         given["console"] = ctx.obj
         if "robot" in given:
-            given["robot"] = _name_robot(given.pop("robot"), given)
+            # ROBOT with its options, which are refused without it.
+            source, read, plain = given.pop("robot"), take_record(NamedRobot, given), NamedRobot()
+            known = list_options(NamedRobot).items()
+            stated = [flag.name_flag(x) for x, flag in known if getattr(read, x) != getattr(plain, x)]
+            if source is None and stated:
+                leave = f"leave {'them' if stated[1:] else 'it'} out"
+                text = f"{', '.join(stated)} cannot be used without --robot; name the robot, or {leave}"
+                raise UsageError(Notice(code="usage.no-robot", text=text))
+            given["robot"] = None if source is None else replace(read, source=source)
         if "pairs" in given:
             named = given.pop("named_settings")
             expected = "KEY=VALUE, such as processing.filter_cutoff=50"
@@ -316,9 +320,6 @@ def check_output(*outputs: Path | None, force: bool, inputs: Sequence[Path | str
 
 
 force_option = OUTPUT("--force", "Overwrite an existing output file, whoever wrote it.", is_flag=True)
-_force_folder_option = OUTPUT(
-    "--force", "Overwrite files that symid wrote; other files are still refused.", is_flag=True
-)
 friction_option = MODEL(
     "--friction",
     "Friction law of all joints, such as coulomb-viscous-offset or none, in place of the robot file's; "
@@ -395,25 +396,11 @@ def _complete_robot(
     return [item(incomplete, type="file"), *map(item, names)]
 
 
-def _name_robot(robot: str | None, options: dict[str, Any]) -> NamedRobot | None:
-    """Return ROBOT with its options, which are taken out of `options`; they are refused without it."""
-    read, plain = take_record(NamedRobot, options), NamedRobot()
-    if robot is not None:
-        return replace(read, source=robot)
-    known = list_options(NamedRobot).items()
-    given = [flag.name_flag(name) for name, flag in known if getattr(read, name) != getattr(plain, name)]
-    if given:
-        leave = f"leave {'them' if given[1:] else 'it'} out"
-        text = f"{', '.join(given)} cannot be used without --robot; name the robot, or {leave}"
-        raise UsageError(Notice(code="usage.no-robot", text=text))
-    return None
-
-
 def output_option(
     meaning: str, *between: Decorator, required: bool = False, folder: bool = False
 ) -> Decorator:
     """Return the option -o for a file or folder, options that follow it, and --force to overwrite it."""
     kind = click.Path(path_type=Path, file_okay=not folder, dir_okay=folder)
-    metavar = "FOLDER" if folder else "FILE"
-    named = OUTPUT("-o --output", meaning, kind, metavar, required=required)
-    return add_options(named, *between, _force_folder_option if folder else force_option)
+    named = OUTPUT("-o --output", meaning, kind, "FOLDER" if folder else "FILE", required=required)
+    text = "Overwrite files that symid wrote; other files are still refused."
+    return add_options(named, *between, OUTPUT("--force", text, is_flag=True) if folder else force_option)

@@ -83,7 +83,6 @@ if TYPE_CHECKING:
     from symid.dynamics.observable_subspace import build_field as build_field
     from symid.dynamics.payload import (
         PAYLOAD_QUANTITIES as PAYLOAD_QUANTITIES,
-        ParameterChange as ParameterChange,
         Payload as Payload,
         PayloadQuantity as PayloadQuantity,
         build_base_values as build_base_values,

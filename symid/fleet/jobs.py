@@ -92,7 +92,13 @@ def read_study(path: Path) -> tuple[FleetJob, ...]:
     root = parse_toml(read_text_file(path), str(path), "fleet.syntax")
     root.refuse_unknown_keys(_KEYS)
     robot, logs, table = (root.read_text(key) for key in ("robot", "logs", "table"))
-    words = [_read_words(root, key) for key in _WORDS]
+    # One text or a list of them; (None,) where there are none.
+    words = list[Sequence[str | None]]()
+    for key in _WORDS:
+        value = root.get(key)
+        words.append(value if isinstance(value, list) else [value])
+        if not words[-1] or not all(isinstance(word, str) for word in words[-1] if value is not None):
+            root.refuse("fleet.words", key, f"expected a text or a list of texts, got {root.show(key)}")
     repeats, seed = root.read_integer("repeats", POSITIVE) or 1, root.read_integer("seed", NOT_NEGATIVE) or 0
     settings = _read_plain(root, "settings")
     allowed = [name for name in ("trajectory", *list_flags(SimulateOptions)) if name != "seed"]
@@ -115,31 +121,20 @@ def read_study(path: Path) -> tuple[FleetJob, ...]:
     return spawn_jobs([replace(job, settings=settings) for job in jobs], words, repeats=repeats, seed=seed)
 
 
-def _read_words(section: Section, key: str) -> tuple[str | None, ...]:
-    """Return the texts at `key`, one or a list; (None,) where there are none."""
-    value = section.get(key)
-    words = value if isinstance(value, list) else [value]
-    if not words or not all(isinstance(word, str) for word in words if value is not None):
-        section.refuse("fleet.words", key, f"expected a text or a list of texts, got {section.show(key)}")
-        return (None,)
-    return tuple(words)
-
-
 def _read_plain(section: Section, key: str, allowed: Iterable[str] = ()) -> dict[str, object]:
-    """Return a table in the types that JSON has."""
     table = section.read_table(key, allowed)
-    return {} if table is None else {name: _make_plain(value) for name, value in table.values.items()}
 
+    def make_plain(value: object) -> object:
+        match value:
+            case Decimal():
+                return float(value)
+            case list():
+                return list(map(make_plain, value))
+            case None | bool() | int() | str():
+                return value
+        return str(value)
 
-def _make_plain(value: object) -> object:
-    match value:
-        case Decimal():
-            return float(value)
-        case list():
-            return [_make_plain(entry) for entry in value]
-        case None | bool() | int() | str():
-            return value
-    return str(value)
+    return {} if table is None else {name: make_plain(value) for name, value in table.values.items()}
 
 
 def is_remote(name: str) -> bool:
@@ -241,7 +236,6 @@ def _read_table(name: str, robot: str | None) -> tuple[FleetJob, ...]:
 
 
 def _read_rows(path: Path) -> Iterator[tuple[int, Mapping[str, Any]]]:
-    """Yield the rows of a table with their lines."""
     if path.suffix.lower() == ".parquet":
         try:
             from pyarrow import ArrowException

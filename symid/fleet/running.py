@@ -122,7 +122,13 @@ def run_job(task: Task) -> Ended:
     start, used = time.monotonic(), time.process_time()
     try:
         with make_scratch_folder() as folder:
-            row = _describe_fit(key, job, _identify(job, folder))
+            fit = _identify(job, folder)
+            values = [FleetValue(name=v.name, value=v.value, std=v.std, unit=v.unit) for v in fit.parameters]
+            other: Any = {"std": float("inf"), "residual": True}
+            values += [FleetValue(name=e.joint, value=e.std, unit=e.unit, **other) for e in fit.residual]
+            codes = tuple(sorted({notice.code for notice in fit.notices if not notice.is_note}))
+            told: Any = {"verdict": fit.verdict.level, "warnings": codes, "values": tuple(values)}
+            row = FleetRow(key=key, job=job, status="done", **told)
     except SymidError as error:
         row = FleetRow(key=key, job=job, status="refused", reason=str(error))
     except MemoryError:
@@ -138,8 +144,11 @@ def run_job(task: Task) -> Ended:
 
 
 def _identify(job: FleetJob, folder: Path) -> Fit:
-    robot = _fetch(job.robot, folder)
-    model = _load_model(robot, _stamp(robot))
+    robot, stamp = _fetch(job.robot, folder), None
+    with contextlib.suppress(OSError):
+        found = Path(robot).stat()
+        stamp = found.st_mtime_ns, found.st_size
+    model = _load_model(robot, stamp)
     logs: Any = [_fetch(log, folder) for log in job.logs]
     if not logs:
         # `read_study` checks the names.
@@ -159,13 +168,6 @@ def _load_model(robot: str, stamp: object) -> RobotModel:  # noqa: ARG001  a fil
     return load(robot)
 
 
-def _stamp(name: str) -> object:
-    with contextlib.suppress(OSError):
-        found = Path(name).stat()
-        return found.st_mtime_ns, found.st_size
-    return None
-
-
 def _fetch(name: str, folder: Path) -> str:
     """Return a local path of a file: that of a copy in `folder`, if the name is an address."""
     if not is_remote(name):
@@ -179,15 +181,6 @@ def _fetch(name: str, folder: Path) -> str:
     except Exception as error:
         raise InputError(Notice(code="fleet.address", text=f"cannot be read: {error}", file=name)) from error
     return str(copy)
-
-
-def _describe_fit(key: str, job: FleetJob, fit: Fit) -> FleetRow:
-    values = [FleetValue(name=v.name, value=v.value, std=v.std, unit=v.unit) for v in fit.parameters]
-    other: Any = {"std": float("inf"), "residual": True}
-    values += [FleetValue(name=e.joint, value=e.std, unit=e.unit, **other) for e in fit.residual]
-    codes = tuple(sorted({notice.code for notice in fit.notices if not notice.is_note}))
-    level = fit.verdict.level
-    return FleetRow(key=key, job=job, status="done", verdict=level, warnings=codes, values=tuple(values))
 
 
 def serve() -> None:

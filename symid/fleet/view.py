@@ -174,15 +174,14 @@ def _test_series(entry: _Series, factor: float) -> RobotChange:
     cuts = np.array([first != second for first, second in zip(entry.nights, entry.nights[1:], strict=False)])
     place = int(np.argmax(np.where(cuts, z, -1.0)))
     single = 2.0 * float(ndtr(-z[place]))
+    of = entry.of._asdict()
+    del of["kind"]
     return RobotChange(
-        name=entry.of.name,
-        quantity=entry.of.quantity,
-        residual=entry.of.residual,
+        **of,
         since=entry.nights[place + 1],
         before=float(above[place] / before[place]),
         after=float(rest[place] / after[place]),
         std=float(std[place]),
-        unit=entry.of.unit,
         p=-math.expm1(int(cuts.sum()) * math.log1p(-min(single, 1.0 - 1e-16))),
         adjusted=1.0,
         values=tuple(entry.values.tolist()),
@@ -303,19 +302,13 @@ class Fleet(PagedResult):
         kind = "Any false alarm is as rare as" if holm else "Of these, false alarms are at most"
         rows = []
         for entry in found[:_MOST_SHOWN]:
-            numbers = (
-                f"{entry.before:.5g}",
-                f"{entry.after:.5g}",
-                f"{entry.sigma:+.1f}",
-                f"{entry.adjusted:.1g}",
-            )
+            sizes = (entry.before, entry.after, entry.sigma, entry.adjusted)
+            numbers = map(format, sizes, (".5g", ".5g", "+.1f", ".1g"))
             rows.append((entry.name, _name_quantity(entry), entry.since, *numbers, entry.unit))
         header = ("robot", "what", "since", "before", "after", "sigma", "adjusted p", "unit")
         title = f"Robots that changed: {len({entry.name for entry in found})}"
-        note = (
-            f"{kind} {100.0 * self.level:g} % ({self.control}). A residual is the logarithm of its RMS value."
-        )
-        note += f" The {_MOST_SHOWN} most significant of {len(found)} are shown." * many
+        note = f"{kind} {100.0 * self.level:g} % ({self.control}). A residual is the logarithm of its RMS "
+        note += "value." + f" The {_MOST_SHOWN} most significant of {len(found)} are shown." * many
         return (Table(header, rows, (0, 1, 2), title, note),)
 
     def _show_scatter(self) -> tuple[str, ...]:
@@ -371,7 +364,6 @@ class Fleet(PagedResult):
                 yield head
 
     def _build_page(self) -> Page:
-        """Return the page of all that is printed, and figures."""
         found, lost = self.changes(), len(self.rows) - self.counts.get("done", 0)
         robots = len({row.job.name for row in self.rows})
         changed = len({entry.name for entry in found})
@@ -463,9 +455,26 @@ def run(
     )
     place = Path(fspath(folder))
     with _own_folder(place):
-        store = _Store(place / "results", again=again)
-        keys: list[str] = []
-        tasks = store.list_missing(jobs, keys)
+        keys, found = list[str](), 0
+
+        def list_missing() -> Iterator[Task]:
+            """Yield the jobs that have no row yet, each once; note the keys of all."""
+            nonlocal found
+            there = {path.stem for path in (place / "results").glob("*.json")}
+            digest, met = lru_cache(maxsize=None)(digest_robot), set[str]()
+            for job in jobs:
+                key = compute_key(job, digest)
+                keys.append(key)
+                file = place / "results" / f"{key}.json"
+                row = _read_row(file) if key in there and key not in met else None
+                wanted = row is None or (again and row.status not in {"done", "refused"})
+                if wanted and key not in met:
+                    yield key, job
+                else:
+                    found += 1
+                met.add(key)
+
+        tasks = list_missing()
         ended: Iterator[Ended]
         if executor == "serial":
             ended = map(run_job, tasks)
@@ -481,17 +490,18 @@ def run(
             stack.callback(getattr(ended, "close", lambda: None))
             stream = stack.enter_context((place / "costs.csv").open("a", encoding="utf-8"))
             for done, (row, cost) in enumerate(ended, start=1):
-                store.write(row)
+                file = place / "results" / f"{row.key}.json"
+                write_file(file, write_json(row) + "\n", what="a result", clear=False)
                 spent = f"{cost.seconds:.3f},{cost.processor:.3f},{cost.memory:.0f}"
                 stream.write(f"{row.key},{row.status},{spent}\n")
                 stream.flush()
                 lost += row.status != "done"
-                now, left = time.monotonic(), count - store.found - done
+                now, left = time.monotonic(), count - found - done
                 if now - told >= _SECONDS_BETWEEN or not left:
                     told = now
                     rest = f", about {describe_duration((now - start) / done * left)} left" if left else ""
                     without = f", {lost} without a fit" if lost else ""
-                    progress(f"{store.found + done} of {count} jobs{without}{rest}")
+                    progress(f"{found + done} of {count} jobs{without}{rest}")
         listed = {"format": _FORMAT, "version": 1, "jobs": keys}
         write_file(place / "fleet.json", write_json(listed) + "\n")
     return load(place, level=level, control=control)
@@ -523,12 +533,12 @@ def load(
     except (OSError, ValueError, LookupError, TypeError, RecursionError) as error:
         text = "no list of jobs of a fleet that came to its end; run it again, what is done is kept"
         raise InputError(Notice(code="fleet.not-ended", text=text, file=str(place / "fleet.json"))) from error
-    store, rows = _Store(place / "results"), []
-    for key in keys:
-        row = store.read(key)
+    rows = []
+    for file in (place / "results" / f"{key}.json" for key in keys):
+        row = _read_row(file)
         if row is None:
             text = "damaged or missing; run the fleet again, which makes it anew"
-            raise InputError(Notice(code="fleet.damaged", text=text, file=str(store.locate(key))))
+            raise InputError(Notice(code="fleet.damaged", text=text, file=str(file)))
         rows.append(row)
     return Fleet(folder=place, rows=tuple(rows), level=level, control=control)
 
@@ -558,40 +568,10 @@ def _own_folder(folder: Path) -> Iterator[None]:
         os.close(handle)
 
 
-class _Store:
-    """The files of rows, by key; with `again`, rows of jobs that were lost count as missing."""
-
-    def __init__(self, folder: Path, *, again: bool = False) -> None:
-        self.folder, self.again = folder, again
-        self.found = 0
-
-    def locate(self, key: str) -> Path:
-        """Return the file of a row."""
-        return self.folder / f"{key}.json"
-
-    def read(self, key: str) -> FleetRow | None:
-        """Return a row; None if it is not there, or damaged."""
-        try:
-            row = read_record(FleetRow, json.loads(read_file(self.locate(key), 10**8)))
-        except (OSError, ValueError, InputError, RecursionError):
-            return None
-        return row if row.key == key else None
-
-    def write(self, row: FleetRow) -> None:
-        """Write a row at once or not at all."""
-        write_file(self.locate(row.key), write_json(row) + "\n", what="a result", clear=False)
-
-    def list_missing(self, jobs: Iterable[FleetJob], keys: list[str]) -> Iterator[Task]:
-        """Yield the jobs that have no row yet, each once; add the keys of all to `keys`."""
-        there = {path.stem for path in self.folder.glob("*.json")}
-        digest, met = lru_cache(maxsize=None)(digest_robot), set[str]()
-        for job in jobs:
-            key = compute_key(job, digest)
-            keys.append(key)
-            row = self.read(key) if key in there and key not in met else None
-            wanted = row is None or (self.again and row.status not in {"done", "refused"})
-            if wanted and key not in met:
-                yield key, job
-            else:
-                self.found += 1
-            met.add(key)
+def _read_row(file: Path) -> FleetRow | None:
+    """Return the row in a file that has its key as name; None if it is not there, or damaged."""
+    try:
+        row = read_record(FleetRow, json.loads(read_file(file, 10**8)))
+    except (OSError, ValueError, InputError, RecursionError):
+        return None
+    return row if row.key == file.stem else None

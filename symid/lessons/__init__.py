@@ -14,8 +14,7 @@ if TYPE_CHECKING:
     from symid.lessons.page import (
         MOTION_RATE as MOTION_RATE,
         LoggedMotion as LoggedMotion,
-        write_lesson_page as write_lesson_page,
-        write_lesson_tex as write_lesson_tex,
+        write_lesson as write_lesson,
     )
     from symid.lessons.textbook import get_book as get_book
 else:

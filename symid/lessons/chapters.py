@@ -240,7 +240,6 @@ def find_tip(robot: Robot, index: int) -> tuple[float, float, float]:
 
 
 def _write_exact(value: Exact, writer: ChapterWriter) -> str:
-    """Return a number or linear form of lengths in LaTeX."""
     return writer.latex(writer.model.algebra.constant(value))
 
 
@@ -475,7 +474,6 @@ def _write_transform(
     rotation: dynamics.Matrix[PolyElement],
     origin: dynamics.Vector[PolyElement],
 ) -> Item:
-    """Return left = the homogeneous matrix of a rotation and an origin."""
     rows = [[writer.latex(value) for value in (*row, x)] for row, x in zip(rotation, origin, strict=True)]
     return write_matrix(left, [*rows, ["0", "0", "0", "1"]])
 

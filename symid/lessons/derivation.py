@@ -15,15 +15,8 @@ from sympy import Add, Symbol, latex
 from sympy.polys.rings import PolyElement
 
 from symid import dynamics, joint_models
+from symid.lessons import matrices
 from symid.lessons.chapters import WRITTEN_OUT, require
-from symid.lessons.matrices import (
-    PLAIN_BOOK,
-    build_exact_point,
-    build_model,
-    check_mass_is_curvature,
-    check_skew,
-    derive_equations,
-)
 from symid.lessons.textbook import Product, Sum, build_style, write_latex, write_sum, write_text
 from symid.notation import INERTIAL
 from symid.robot import JointKind, Robot
@@ -82,7 +75,9 @@ def _describe_frames(robot: Robot) -> Step:
 
 def _write_sum(terms: Sequence[tuple[Fraction, str]]) -> str:
     """Return a sum of multiples such as `q1 - 63/100*q2`."""
-    return write_text(Sum(tuple(Product(factor, ((name, 1),)) for factor, name in terms)), PLAIN_BOOK)
+    return write_text(
+        Sum(tuple(Product(factor, ((name, 1),)) for factor, name in terms)), matrices.PLAIN_BOOK
+    )
 
 
 def _describe_energy(energy: dynamics.ExactEnergy, base: dynamics.BaseParameters) -> Step:
@@ -122,15 +117,17 @@ def _describe_matrices(robot: Robot) -> list[Step]:
     """Return M, C and g as textbooks write them, with their checks; beyond three coordinates nothing."""
     if robot.freedom > WRITTEN_OUT:
         return []
-    equations = derive_equations(build_model(robot))
-    require(check_mass_is_curvature(equations), "M is not the second derivative of the kinetic energy")
-    require(check_skew(equations), "dM/dt - 2C is not skew")
+    equations = matrices.derive_equations(matrices.build_model(robot))
+    require(
+        matrices.check_mass_is_curvature(equations), "M is not the second derivative of the kinetic energy"
+    )
+    require(matrices.check_skew(equations), "dM/dt - 2C is not skew")
     size, sums = range(robot.freedom), equations.model.sums
-    style = build_style(PLAIN_BOOK, frozenset(k + 1 for k in size if robot.axes[k].prismatic))
+    style = build_style(matrices.PLAIN_BOOK, frozenset(k + 1 for k in size if robot.axes[k].prismatic))
 
     def write(letter: str, value: PolyElement, *place: int) -> Formula:
         total, below = write_sum(value, sums), "".join(str(k + 1) for k in place)
-        text, right = write_text(total, PLAIN_BOOK).replace("**", "^"), write_latex(total, style)
+        text, right = write_text(total, matrices.PLAIN_BOOK).replace("**", "^"), write_latex(total, style)
         return Formula(f"{letter}{below}", text, right, f"{letter}_{{{below}}}")
 
     mass = [write("M", equations.mass[i][j], i, j) for i in size for j in size if j >= i]
@@ -158,7 +155,7 @@ def _describe_torques(robot: Robot, energy: dynamics.ExactEnergy, base: dynamics
     sentence = "Lagrange: tau = d/dt(dT/ddq) - dT/dq + dV/dq, per base parameter, from the energy alone."
     if robot.freedom > WRITTEN_OUT:
         sentence += " The expressions are too long to print; generated code evaluates them."
-        values = build_exact_point(robot, algebra)
+        values = matrices.build_exact_point(robot, algebra)
         from_energy = dynamics.evaluate_torque_columns(energy, base.keys, values)
         numbers = dynamics.PointAlgebra(algebra.ring.domain, values)
         recursion = dynamics.build_recursion(robot, numbers, dynamics.build_state(robot, numbers, values))

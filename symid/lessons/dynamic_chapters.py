@@ -98,9 +98,8 @@ def fit_book(book: Book, robot: Robot) -> Book:
 
 def _write_slopes(writer: ChapterWriter, slopes: Iterable[tuple[str, str, PolyElement]]) -> tuple[Item, ...]:
     """Return d(symbol)/d(parameter) = value for all that are not zero."""
-    left = r"\frac{{\partial {}}}{{\partial {}}}"
-    known = ((symbol, writer.symbol(name), value) for symbol, name, value in slopes if value)
-    return tuple(writer.formula(left.format(top, below), value) for top, below, value in known)
+    left = r"\frac{{\partial {}}}{{\partial {}}}".format
+    return tuple(writer.formula(left(top, writer.symbol(name)), x) for top, name, x in slopes if x)
 
 
 def _list_energy_slopes(
@@ -215,7 +214,6 @@ def _write_short(writer: ChapterWriter, equations: matrices.Equations) -> Iterat
 
 
 def _is_small(texts: Sequence[Sequence[str]], most: int) -> bool:
-    """Return whether formulas are short enough for the elements of a matrix."""
     return all(len(re.sub(r"\\,|\\mathit|\{", "", text)) <= most for row in texts for text in row)
 
 
@@ -226,18 +224,14 @@ def _find_unit(writer: ChapterWriter, i: int, j: int) -> str:
 
 def _gather_zeros(items: Sequence[Item]) -> list[Item]:
     """Return formulas with those that are zero in one sentence at the end."""
-    end, found = " = 0", list[Item]()
+    end = " = 0"
     zero = [item for item in items if item.kind == "formula" and item.latex.endswith(end)]
-    for item in items:
-        found.append(replace(item, kind="value", latex="") if item in zero else item)
     names = ", ".join(f"${item.latex.removesuffix(end)}$" for item in zero)
-    if zero:
-        found.append(say(f"These are zero: {names}."))
-    return found
+    found = [replace(item, kind="value", latex="") if item in zero else item for item in items]
+    return [*found, *([say(f"These are zero: {names}.")] if zero else [])]
 
 
 def _write_gravity(writer: ChapterWriter, values: Sequence[PolyElement]) -> list[Item]:
-    """Return the torques at rest, one a coordinate."""
     units = ["N" if joint.prismatic else "N m" for joint in writer.model.robot.axes]
     return _gather_zeros(
         [
@@ -321,20 +315,18 @@ def _write_products(
             text += f" {sign or '+'} {product}" if text else f"{sign}{product}"
         texts[i].append(text or "0")
         codes[i, j] = " + ".join(terms) or "0"
-    names = {(i, j): f"C{i + 1}_{j + 1}" for i, j in places}
     if len(joints) <= WRITTEN_OUT and _is_small(texts, 60):
-        values = [Item("value", name=name, code=codes[place]) for place, name in names.items()]
+        values = [Item("value", name=f"C{i + 1}_{j + 1}", code=codes[i, j]) for i, j in places]
         return [write_matrix(C, texts), *values]
     items = []
-    for (i, j), name in names.items():
-        latex = rf"{C}_{{{i + 1}{j + 1}}} = {texts[i][j]}"
+    for i, j in places:
+        latex, name = rf"{C}_{{{i + 1}{j + 1}}} = {texts[i][j]}", f"C{i + 1}_{j + 1}"
         unit = f"{_find_unit(writer, i, j)}/s"
         items.append(Item("formula", latex=latex, name=name, code=codes[i, j], unit=unit))
     return _gather_zeros(items)
 
 
 def _write_law(book: Book) -> list[Item]:
-    """Return the equation of motion, and what Craig writes in its place."""
     q, C = book.coordinates, book.coriolis
     right = rf"{book.mass}({q})\,\ddot {q} + {C}({q}, \dot {q})\,\dot {q} + {book.gravity}({q})"
     law = [show(f"{book.torque} = {right}")]

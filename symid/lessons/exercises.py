@@ -34,7 +34,7 @@ import unicodedata
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cache, partial, reduce
+from functools import cache, reduce
 from itertools import repeat
 from typing import Any, NoReturn, TypeAlias, cast
 
@@ -47,19 +47,10 @@ from symid import dynamics
 from symid.dynamics import ExactAlgebra, PointAlgebra
 from symid.environment import locate_resource_folder
 from symid.errors import InputError, Notice
+from symid.lessons import textbook
 from symid.lessons.chapters import WRITTEN_OUT, Lesson, list_items, list_slides
 from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.matrices import Parameterisation
-from symid.lessons.textbook import (
-    BOOK_NAMES,
-    add_angles,
-    get_book,
-    write_code,
-    write_name,
-    write_sum,
-    write_symbol,
-    write_text,
-)
 from symid.lessons.words import LANGUAGES, Words, load_words
 from symid.notation import INERTIAL
 from symid.robot import Robot
@@ -123,14 +114,17 @@ def _ask_group(lesson: Lesson, rng: np.random.Generator, words: Words) -> Exerci
     if not groups:
         return None
     entry = groups[int(rng.integers(len(groups)))]
-    symbol = write_symbol(entry.name, lesson.book, slides)
+    symbol = textbook.write_symbol(entry.name, lesson.book, slides)
     ring, terms = model.algebra.ring, []
     for label, factor in entry.terms:
-        share, name = write_sum(ring.from_expr(factor), model.sums), dynamics.write_label(robot, label)
-        text = write_text(share, lesson.book, slides).replace("**", "^")
+        share, name = (
+            textbook.write_sum(ring.from_expr(factor), model.sums),
+            dynamics.write_label(robot, label),
+        )
+        text = textbook.write_text(share, lesson.book, slides).replace("**", "^")
         long = len(share.products) > 1
         product = name if text == "1" else f"{f'({text})' if long else text}*{name}"
-        terms.append((f"({write_code(share, 'v')})*v.{name}", product.replace("-1*", "-")))
+        terms.append((f"({textbook.write_code(share, 'v')})*v.{name}", product.replace("-1*", "-")))
     code, texts = (" + ".join(parts) for parts in zip(*terms, strict=True))
     ask = words("Which standard parameters does {0} stand for? Write the sum, as XX8 + {1}9*MX9.").format
     return Exercise(
@@ -184,7 +178,7 @@ def _ask_effect(lesson: Lesson, rng: np.random.Generator, words: Words) -> Exerc
     others = [kept[int(k)] for k in rng.choice(len(kept), _OTHERS, replace=False)]
     labels = [lost.label, *(entry.label for entry in others)]
     names = [(dynamics.write_label(robot, label), label == lost.label) for label in labels]
-    options = tuple((f"${write_symbol(name, lesson.book)}$", right) for name, right in sorted(names))
+    options = tuple((f"${textbook.write_symbol(name, lesson.book)}$", right) for name, right in sorted(names))
     ask = words("Which of these parameters can no motion of this robot show, and why? ({0})").format
     return Exercise(
         prompt=ask(", ".join(text for text, _ in options)),
@@ -277,12 +271,12 @@ def mark_sheet(robot: Robot, sheet: AnswerSheet, file: str) -> tuple[MarkedAnswe
     settings = {"notation": "symid", "seed": "0", "lang": "en", **sheet.settings}
     form, angle = settings.get("parameters"), settings.get("angle")
     known = form in (None, "base", "symbols", "bodies") and angle in (None, "q", "theta")
-    known = known and settings["notation"] in BOOK_NAMES and settings["lang"] in LANGUAGES
+    known = known and settings["notation"] in textbook.BOOK_NAMES and settings["lang"] in LANGUAGES
     if not (known and settings["seed"].isdigit() and settings.get("exercises", "").isdigit()):
         text = "its line with settings was changed: it has exercises, seed, notation, parameters, angle, lang"
         raise InputError(Notice(code="lesson.settings", text=text, file=file))
     lesson = build_lesson(
-        robot, get_book(settings["notation"], angle=angle), cast("Parameterisation | None", form)
+        robot, textbook.get_book(settings["notation"], angle=angle), cast("Parameterisation | None", form)
     )
     rng = np.random.default_rng(int(settings["seed"]))
     count = min(int(settings["exercises"]), MOST_EXERCISES)
@@ -341,19 +335,14 @@ def rewrite_formula(text: str) -> str:
 
     def apply(rules: Sequence[Sequence[str]], text: str) -> str:
         for pattern, form in rules:
-            before = None
+            # The groups of a match stand in place of $1, $2.
+            put, before = re.sub(r"\$(\d)", r"\\g<\1>", form.replace("\\", r"\\")), None
             while text != before:
-                before = text
-                text = re.sub(pattern, partial(_fill, form), text, flags=re.ASCII)
+                before, text = text, re.sub(pattern, put, text, flags=re.ASCII)
         return text
 
     rules = load_spelling()
     return apply(rules["rules"], unicodedata.normalize("NFKD", apply(rules["powers"], text)))
-
-
-def _fill(form: str, match: re.Match[str]) -> str:
-    """Return a form with the groups of a match in place of $1, $2."""
-    return re.sub(r"\$(\d)", lambda place: match[int(place[1])], form)
 
 
 def list_spellings(lesson: Lesson) -> dict[str, str]:
@@ -366,8 +355,8 @@ def list_spellings(lesson: Lesson) -> dict[str, str]:
     standard = [dynamics.write_label(robot, label) for label in lesson.model.base.labels]
     own = [x for x in map(str, lesson.model.algebra.ring.symbols) if not re.fullmatch(r"[sc]\d+", x)]
     letters = [*dict.fromkeys((*rates, *lesson.values, *standard, *own))]
-    pairs = [(write_name(name, book, slides), name) for name in letters]
-    pairs += [(rewrite_formula(write_symbol(name, book, slides)).strip(), name) for name in letters]
+    pairs = [(textbook.write_name(name, book, slides), name) for name in letters]
+    pairs += [(rewrite_formula(textbook.write_symbol(name, book, slides)).strip(), name) for name in letters]
     pairs += [(name, name) for name in letters]
     items = list_items([item for chapter in lesson.chapters for item in chapter.items])
     for item in (item for item in items if item.name and item.code):
@@ -375,10 +364,8 @@ def list_spellings(lesson: Lesson) -> dict[str, str]:
         # C12 is a cosine where the book writes it so, elsewhere an element of the matrix.
         pairs += [(x, item.name) for x in (left, item.name) if x[:1] not in (book.sine, book.cosine)]
     found: dict[str, str] = {}
-    for typed, name in pairs:
+    for typed, name in (*pairs, *((typed.replace("_", ""), name) for typed, name in pairs)):
         found.setdefault(typed, name)
-    for typed, name in pairs:
-        found.setdefault(typed.replace("_", ""), name)
     return found
 
 
@@ -512,14 +499,22 @@ class _Field:
     size: int
 
     def evaluate(self, node: Expression) -> Ratio:
-        """Return the value of a formula."""
         mul, one = self.algebra.mul, self.algebra.one
-        if node.kind in _FUNCTIONS:
-            return self._call(node), one
         match node.kind:
+            case "sin" | "cos":
+                return self._expand_wave(node.kind[0], list(self._read_angle(node.parts[0]).items())), one
+            case "sqrt":
+                value = read_rational(node.parts[0])
+                if value is None or value < 0:
+                    _refuse(_NO_ROOT)
+                try:
+                    root = Rational(value.numerator, value.denominator) ** Rational(1, 2)
+                    return one * self.domain.from_sympy(root), one
+                except CoercionFailed:
+                    _refuse(_NO_ROOT)
             case "number":
-                value = Fraction(node.text)
-                return one * self.domain.convert(QQ(value.numerator, value.denominator)), one
+                number = Fraction(node.text)
+                return one * self.domain.convert(QQ(number.numerator, number.denominator)), one
             case "letter":
                 name = node.text
                 if name in self.letters:
@@ -554,20 +549,6 @@ class _Field:
         left, right = mul(a, d), mul(c, b)
         return (left + right if node.kind == "+" else left - right), mul(b, d)
 
-    def _call(self, node: Expression) -> Any:  # noqa: ANN401  an element of the algebra
-        (inner,) = node.parts
-        if node.kind != "sqrt":
-            angle = self._read_angle(inner)
-            return self._expand_wave(node.kind[0], list(angle.items()))
-        value = read_rational(inner)
-        if value is None or value < 0:
-            _refuse(_NO_ROOT)
-        try:
-            root = Rational(value.numerator, value.denominator) ** Rational(1, 2)
-            return self.algebra.one * self.domain.from_sympy(root)
-        except CoercionFailed:
-            _refuse(_NO_ROOT)
-
     def _read_angle(self, node: Expression) -> dict[int, int]:
         """Return a sum of joint angles by number and multiple."""
         match node.kind:
@@ -593,7 +574,7 @@ class _Field:
             if f"s{number}" not in self.letters:
                 _refuse(f"joint {number} has no angle")
         waves = ((self.letters[f"s{k}"], self.letters[f"c{k}"], times) for k, times in angle)
-        return add_angles(self.algebra, waves)[kind == "c"]
+        return textbook.add_angles(self.algebra, waves)[kind == "c"]
 
 
 def read_rational(node: Expression) -> Fraction | None:

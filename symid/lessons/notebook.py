@@ -11,6 +11,7 @@ Supported: all robots of the lesson. Not supported: what only moves on the page.
 
 import json
 import re
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -163,100 +164,29 @@ def _break_lines(latex: str) -> str:
 
 def _list_code(lesson: Lesson, anchor: str) -> Iterator[str]:
     """Yield the cells that follow a chapter."""
-    short = lesson.robot.freedom <= WRITTEN_OUT
+    folder, robot = locate_resource_folder("templates") / "lesson", lesson.robot
+    cells = tomllib.loads((folder / "cells.toml").read_text(encoding="utf-8"))
+    long = "" if robot.freedom <= WRITTEN_OUT else "long_"
     match anchor:
         case "frames":
             # A robot that comes with symid has a name, another one the path of its file.
-            path = Path(lesson.robot.path)
+            path = Path(robot.path)
             inside = path.parent.resolve() == locate_resource_folder("robots").resolve()
-            name = path.stem if inside else str(path.resolve())
-            yield f"{_IMPORTS}\n\nrobot = symid.load({name!r})\n{_JOINTS}"
+            name = repr(path.stem if inside else str(path.resolve()))
+            yield cells["frames"].format(name)
         case "base":
             yield "robot.base"
         case "mass":
-            yield _MASS if short else _LONG_MASS
-            if any(joint.form is not None for joint in lesson.robot.joints):
-                yield _FORMULAS
-            q = [round(0.5 + 0.3 * (-1) ** k * (k + 1) / 2, 2) for k in range(lesson.robot.freedom)]
+            yield cells[f"{long}mass"]
+            if any(joint.form is not None for joint in robot.joints):
+                yield cells["formulas"]
+            q = [round(0.5 + 0.3 * (-1) ** k * (k + 1) / 2, 2) for k in range(robot.freedom)]
             note = "stand-ins: the file has no values" if lesson.stand_ins else "the values of the robot file"
             numbers = [repr(float(f"{value:.12g}")) for value in lesson.beta]
             lines = [", ".join(numbers[k : k + 6]) for k in range(0, len(numbers), 6)]
             beta = ", ".join(numbers) if len(lines) <= 1 else "\n" + "".join(f"    {x},\n" for x in lines)
-            yield (
-                f"q = {q}  # a posture: change it\nbeta = [{beta}]  # {note}\n"
-                "lengths = [float(value) for value in M.lengths.values()]\n\n\n"
-                "def evaluate(function, *arguments):\n"
-                '    """Return the output of a symbolic function at numbers."""\n'
-                "    values = function.lambdify()(*arguments, *([lengths] if lengths else []))\n"
-                "    return np.array(values[0], dtype=float)\n\n\n"
-                "inertia = evaluate(M, q, beta)\nassert np.all(np.linalg.eigvalsh(inertia) > 0)\ninertia"
-            )
-        case "coriolis":
-            yield _CORIOLIS if short else _LONG_CORIOLIS
-        case "gravity":
-            yield _GRAVITY if short else _LONG_GRAVITY
+            yield f"q = {q}  # a posture: change it\nbeta = [{beta}]  # {note}\n{cells['numbers']}"
+        case "coriolis" | "gravity":
+            yield cells[f"{long}{anchor}"]
         case "motion":
-            yield from (_MOTION,) if short else (_LONG_CORIOLIS, _LONG_MOTION)
-
-
-_IMPORTS = """import numpy as np
-import sympy as sp
-
-import symid"""
-_JOINTS = "[joint.name for joint in robot.joints]"
-_MASS = """M = robot.sympy("mass_matrix")
-M"""
-_FORMULAS = """# In the symbols of the file.
-forms = {entry["name"]: entry["form"] for entry in robot.base.to_dict()["parameters"]}
-known = {symbol: sp.sympify(forms[symbol.name] or symbol) for symbol in M.inputs["beta"]}
-M["M"].subs(known).applyfunc(sp.expand)"""
-_LONG_MASS = """M = robot.sympy("mass_matrix")
-print(f"{M.operations} operations if all is written out, {len(M.share()[0])} shared values in the recursion")
-M["M"][-1, -1]"""
-_CORIOLIS = '''C = robot.sympy("coriolis_matrix")
-Q, dQ, n = C.inputs["q"], C.inputs["dq"], len(robot.joints)
-
-
-def is_zero(matrix):
-    """Return whether all elements vanish, as polynomials of complex exponentials."""
-    return all(sp.expand(sp.sympify(value).rewrite(sp.exp)) == 0 for value in sp.flatten(matrix))
-
-
-def christoffel(i, j, k):
-    """Return c_ijk from the slopes of M."""
-    m = M["M"]
-    return (m[i, j].diff(Q[k]) + m[i, k].diff(Q[j]) - m[j, k].diff(Q[i])) / 2
-
-
-mine = sp.Matrix(n, n, lambda i, j: sum(christoffel(i, j, k) * dQ[k] for k in range(n)))
-rate = sum((M["M"].diff(Q[k]) * dQ[k] for k in range(n)), sp.zeros(n, n))
-skew = rate - 2 * C["C"]
-assert is_zero(mine - C["C"])
-assert is_zero(skew + skew.T)
-C'''
-_GRAVITY = """g = robot.sympy("gravity")
-energy = robot.sympy("energy")
-slope = sp.Matrix([energy["V"].diff(angle) for angle in energy.inputs["q"]])
-assert is_zero(slope - g["g"])
-g"""
-_LONG_GRAVITY = """g = robot.sympy("gravity")
-weight = evaluate(g, q, beta).ravel()
-weight"""
-_MOTION = """tau = robot.sympy("inverse_dynamics")
-equation = M["M"] * tau.inputs["ddq"] + C["C"] * dQ + g["g"]
-assert is_zero(equation - tau["tau"])
-tau"""
-_LONG_CORIOLIS = """rng = np.random.default_rng(1)
-dq, ddq = rng.normal(size=(2, len(q)))
-C = robot.sympy("coriolis_matrix")
-coriolis = evaluate(C, q, dq, beta)
-# The rate of M along the motion, by complex steps: exact to rounding.
-step = 1e-30j
-moved = np.array(M.lambdify()(np.array(q) + step * dq, beta, *([lengths] if lengths else []))[0])
-skew = moved.imag / step.imag - 2 * coriolis
-assert np.abs(skew + skew.T).max() < 1e-12 * np.abs(inertia).max()
-coriolis"""
-_LONG_MOTION = """tau = robot.sympy("inverse_dynamics")
-torque = evaluate(tau, q, dq, ddq, beta).ravel()
-assert np.allclose(inertia @ ddq + coriolis @ dq + weight, torque, rtol=1e-10, atol=1e-10)
-torque"""
+            yield from (cells["long_coriolis"], cells["long_motion"]) if long else (cells["motion"],)

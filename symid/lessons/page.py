@@ -13,7 +13,7 @@ Supported: all robots of the lesson. Not supported: readers without JavaScript, 
 import base64
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path
@@ -90,25 +90,40 @@ class LessonPage:
     sheet: str = ""
 
 
-def write_lesson_page(
+def write_lesson(
     robot: Robot,
     book: Book,
     form: Parameterisation | None = None,
     *,
+    tex: bool = False,
     exercises: int = 0,
     seed: int = 0,
     logged: LoggedMotion | None = None,
     language: str = "en",
 ) -> LessonPage:
-    """Return the page of the lesson on `robot`, with so many exercises, drawn with `seed`.
+    """Return the lesson on `robot` as a page, or as a document for pdflatex; `seed` draws its exercises.
 
     `logged` is offered among the motions whose information the page shows. A RobotError says that a symbolic
     length has no value.
     """
-    lesson = build_lesson(robot, book, form, language)
-    chapters = lesson.chapters
-    words = load_words(language)
+    lesson, words = build_lesson(robot, book, form, language), load_words(language)
     drawn = draw_exercises(lesson, exercises, np.random.default_rng(seed), words)
+    text = _write_document(lesson, drawn, words) if tex else _write_page(lesson, drawn, logged, words)
+    if not drawn:
+        return LessonPage(text=text)
+    answers = ""
+    for number, one in enumerate(drawn, start=1):
+        gap = " " if one.number is not None else ": "
+        answers += f"{number}. {one.plain}\n   {one.answer}{f'{gap}{one.note}' if one.note else ''}\n"
+    letter, own = lesson.book.angle, get_book(lesson.book.name).angle
+    angle = None if letter == own else letter.removeprefix("\\")
+    settings = {"exercises": exercises, "seed": seed, "parameters": form, "notation": lesson.book.name}
+    sheet = write_sheet(robot.name, drawn, {**settings, "angle": angle, "lang": language}, words)
+    return LessonPage(text=text, answers=answers, sheet=sheet)
+
+
+def _write_page(lesson: Lesson, drawn: Sequence[Exercise], logged: LoggedMotion | None, words: Words) -> str:
+    robot, book, chapters = lesson.robot, lesson.book, lesson.chapters
     if lesson.beta:
         chapters = (*chapters, translate_chapter(_write_identification(lesson, logged), words))
     if drawn:
@@ -144,8 +159,12 @@ def write_lesson_page(
     lines: list[str] = []
     for spec in specs:
         lines += write_javascript_function(choose_route(robot, base, spec).program, exported=False)
+
+    def read(name: str) -> str:
+        return (folder / name).read_text(encoding="utf-8")
+
     # KaTeX's style with the fonts at hand inside.
-    style = (folder / "katex" / "katex.min.css").read_text(encoding="utf-8")
+    style = read("katex/katex.min.css")
 
     def put(match: re.Match[str]) -> str:
         found = re.search(r"url\(fonts/([\w-]+\.woff2)\)", match[0])
@@ -166,37 +185,17 @@ def write_lesson_page(
         "FOOT": escape(
             words("Written by symid {0} from {1}. SI units throughout.").format(__version__, file)
         ),
-        "STYLE": re.sub(r"@font-face\{[^}]*\}", put, style)
-        + (folder / "lesson.css").read_text(encoding="utf-8"),
-        "KATEX": (folder / "katex" / "katex.min.js").read_text(encoding="utf-8"),
+        "STYLE": re.sub(r"@font-face\{[^}]*\}", put, style) + read("lesson.css"),
+        "KATEX": read("katex/katex.min.js"),
         "FUNCTIONS": "\n".join(lines) + f"\nreturn {{ {', '.join(spec.name for spec in specs)} }};",
         "FORMULAS": ",\n".join(f"[{json.dumps(item.name)}, (v) => {item.code}]" for item in items),
         "EXERCISES": ",\n".join(map(_write_exercise, drawn)),
         "DATA": _write_json({**_describe(lesson), "log": log}),
-        "SCRIPT": "".join((folder / f"{name}.js").read_text(encoding="utf-8") for name in _SCRIPTS),
+        "SCRIPT": "".join(read(f"{name}.js") for name in _SCRIPTS),
     }
-    template = (folder / "lesson.html").read_text(encoding="utf-8")
-    template = re.sub(r"\{\{=(.*?)\}\}", lambda match: escape(words(match[1])), template)
+    template = re.sub(r"\{\{=(.*?)\}\}", lambda match: escape(words(match[1])), read("lesson.html"))
     # One pass: what is put in may hold such marks itself.
-    html = re.sub(r"\{\{([A-Z]+)\}\}", lambda match: parts[match[1]], template)
-    handed = write_handouts(lesson, drawn, {"exercises": exercises, "seed": seed, "parameters": form})
-    return LessonPage(text=html, answers=handed[0], sheet=handed[1])
-
-
-def write_handouts(
-    lesson: Lesson, drawn: Sequence[Exercise], settings: Mapping[str, object]
-) -> tuple[str, str]:
-    """Return the answers to exercises, and the sheet to fill in, as text; both empty without any."""
-    if not drawn:
-        return "", ""
-    answers = ""
-    for number, one in enumerate(drawn, start=1):
-        gap = " " if one.number is not None else ": "
-        answers += f"{number}. {one.plain}\n   {one.answer}{f'{gap}{one.note}' if one.note else ''}\n"
-    book, own = lesson.book, get_book(lesson.book.name)
-    angle = None if book.angle == own.angle else book.angle.removeprefix("\\")
-    settings = {**settings, "notation": book.name, "angle": angle, "lang": lesson.language}
-    return answers, write_sheet(lesson.robot.name, drawn, settings, load_words(lesson.language))
+    return re.sub(r"\{\{([A-Z]+)\}\}", lambda match: parts[match[1]], template)
 
 
 def _write_json(value: object) -> str:
@@ -208,7 +207,6 @@ def _write_json(value: object) -> str:
 
 
 def _write_inline(text: str) -> str:
-    """Return a text with its $formulas$ and `code` marked, all else escaped."""
     return write_marked(
         text,
         escape,
@@ -267,7 +265,6 @@ def _write_item(item: Item, numbers: Iterator[int], words: Words) -> str:
 
 
 def _describe(lesson: Lesson) -> dict[str, object]:
-    """Return geometry, values, letters and springs for the page."""
     robot, book = lesson.robot, lesson.book
     symbols, slides = dict(robot.symbols), list_slides(robot)
     return {
@@ -358,7 +355,6 @@ def _list_marked_letters(lesson: Lesson) -> Iterator[Item]:
 
 
 def _write_exercise(one: Exercise) -> str:
-    """Return an exercise as a JavaScript object."""
     texts = {"prompt": one.prompt, "answer": one.answer, "latex": one.latex, "note": one.note}
     parts = [f'"{key}": {_write_json(text)}' for key, text in texts.items()]
     if one.code:
@@ -373,20 +369,6 @@ def _write_exercise(one: Exercise) -> str:
 
 # LaTeX.
 
-_TEX_HEAD = r"""\documentclass[11pt,a4paper]{article}
-\usepackage[utf8]{inputenc}
-\usepackage{amsmath,amssymb,graphicx,longtable,array}
-\usepackage[margin=25mm]{geometry}
-\setlength{\parindent}{0pt}\setlength{\parskip}{.5\baselineskip}
-\newcounter{formula}
-% A formula breaks at its sums, its further lines indented; a matrix that is too wide becomes smaller.
-\newcommand{\formula}[1]{{\stepcounter{formula}\raggedright\hangindent=2.5em\hangafter=1
-  $\displaystyle #1$\quad(\theformula)\par}}
-\newcommand{\wide}[1]{{\stepcounter{formula}\sbox0{$\displaystyle #1$}%
-  \ifdim\wd0>.9\linewidth\resizebox{.9\linewidth}{!}{\usebox0}\else\usebox0\fi\quad(\theformula)\par}}
-\newcommand{\checked}[1]{\textbf{CHECKED}, #1.\par}
-\begin{document}
-"""
 _TEX_MARKS = str.maketrans(
     {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
     | {mark: rf"\{mark}" for mark in "&%#_{}$"}
@@ -394,37 +376,23 @@ _TEX_MARKS = str.maketrans(
 )
 
 
-def write_lesson_tex(
-    robot: Robot,
-    book: Book,
-    form: Parameterisation | None = None,
-    *,
-    exercises: int = 0,
-    seed: int = 0,
-    language: str = "en",
-) -> LessonPage:
-    """Return the lesson on `robot` as a LaTeX document for pdflatex, with so many exercises at its end."""
-    lesson, words = build_lesson(robot, book, form, language), load_words(language)
-    drawn = draw_exercises(lesson, exercises, np.random.default_rng(seed), words)
-    title = _write_tex(words("{0}: equation of motion").format(robot.name))
-    head = _TEX_HEAD.replace("CHECKED", words("Checked"))
-    parts = [head, rf"\title{{{title}}}\author{{symid {__version__}}}"]
-    parts += [r"\date{}\maketitle", _write_tex(robot.description)]
+def _write_document(lesson: Lesson, drawn: Sequence[Exercise], words: Words) -> str:
+    """Return the lesson in LaTeX, with a question and room for what is written by hand for each exercise."""
+    title = _write_tex(words("{0}: equation of motion").format(lesson.robot.name))
+    head = (locate_resource_folder("templates") / "lesson" / "head.tex").read_text(encoding="utf-8")
+    parts = [head.replace("CHECKED", words("Checked")), rf"\title{{{title}}}\author{{symid {__version__}}}"]
+    parts += [r"\date{}\maketitle", _write_tex(lesson.robot.description)]
     for chapter in lesson.chapters:
         parts.append(rf"\section{{{_write_tex(chapter.title)}}}")
         parts += map(_write_tex_item, chapter.items)
     if drawn:
-        # A question, and room for what is written by hand.
         asked = "\n".join(rf"\item {_write_tex(one.prompt)}\vspace{{25mm}}" for one in drawn)
         parts.append(rf"\section{{{words('Exercises')}}}")
         parts.append(r"\begin{enumerate}" + f"\n{asked}\n" + r"\end{enumerate}")
-    tex = "\n\n".join([*filter(None, parts), r"\end{document}"]) + "\n"
-    answers, sheet = write_handouts(lesson, drawn, {"exercises": exercises, "seed": seed, "parameters": form})
-    return LessonPage(text=tex, answers=answers, sheet=sheet)
+    return "\n\n".join([*filter(None, parts), r"\end{document}"]) + "\n"
 
 
 def _write_tex(text: str) -> str:
-    """Return a text in LaTeX, its $formulas$ as they are."""
     form, code = "${}$".format, lambda code: rf"\texttt{{{code.translate(_TEX_MARKS)}}}"
     return write_marked(text, lambda plain: plain.translate(_TEX_MARKS), form, code)
 

@@ -218,7 +218,6 @@ def write_sum(value: PolyElement, sums: AngleSums) -> Sum:
 
 
 def _is_angle(letter: Letter) -> bool:
-    """Return whether a letter is the sine or cosine of an angle."""
     return isinstance(letter, tuple) and isinstance(letter[1], tuple)
 
 

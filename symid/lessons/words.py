@@ -9,7 +9,7 @@ Supported: English and German. Not supported: texts of robot files, comments of 
 import re
 import tomllib
 from collections.abc import Callable, Mapping
-from functools import cache, partial
+from functools import cache
 from typing import TypeAlias
 
 from symid.environment import locate_resource_folder
@@ -41,8 +41,9 @@ def load_words(language: str) -> Words:
             return pairs[text]
         for pattern, form in patterns:
             if match := pattern.fullmatch(text):
-                parts = match.groupdict()
-                return re.sub(r"\{(\d)\}", partial(_fill, translate, parts), form)
+                parts = {name: translate(part) for name, part in match.groupdict().items()}
+                pieces = enumerate(re.split(r"\{(\d)\}", form))
+                return "".join(parts[f"part{piece}"] if k % 2 else piece for k, piece in pieces)
         # A list of reasons, each behind its names.
         for mark in ("; ", ": ") if pairs else ():
             if mark in text:
@@ -50,10 +51,6 @@ def load_words(language: str) -> Words:
         return text
 
     return translate
-
-
-def _fill(translate: Words, parts: Mapping[str, str], place: re.Match[str]) -> str:
-    return translate(parts[f"part{place[1]}"])
 
 
 def _write_pattern(text: str) -> str:

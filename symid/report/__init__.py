@@ -4,12 +4,12 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.report import (
+        comparison_text as comparison_text,
         drawings as drawings,
         fit_text as fit_text,
         result_pages as result_pages,
         robot_text as robot_text,
         study_text as study_text,
-        validation_text as validation_text,
     )
     from symid.report.blocks import (
         Block as Block,
@@ -20,11 +20,14 @@ if TYPE_CHECKING:
         write_svg as write_svg,
         write_text as write_text,
     )
-    from symid.report.elastic_page import build_elastic_page as build_elastic_page
+    from symid.report.elastic_page import build_elastic_page as build_elastic_page, draw_loops as draw_loops
     from symid.report.figures import Line as Line, build_line_figure as build_line_figure
     from symid.report.identification_page import (
         WrittenPage as WrittenPage,
+        describe_essential as describe_essential,
+        describe_rank as describe_rank,
         draw_fit as draw_fit,
+        draw_prediction as draw_prediction,
         judge_fit as judge_fit,
         write_fit_page as write_fit_page,
     )

@@ -125,7 +125,6 @@ class Table:
 
 
 def _write_tag(tag: str, names: str, inner: str) -> str:
-    """Return an element of HTML, its classes by `names`."""
     classes = f' class="{names}"' if names else ""
     return f"<{tag}{classes}>{inner}</{tag.partition(' ')[0]}>"
 
@@ -166,16 +165,11 @@ def shorten_text(blocks: Sequence[Block], most: int) -> str:
         if not fits:
             parts = [write_text(blocks).splitlines()]
         level = fits[-1] if fits else most
-        parts = [_cut(lines, level) for lines in parts]
+        for k, lines in enumerate(parts):
+            if len(lines) > level:
+                full = list(filter(None, lines)) if level < _LOW else lines
+                parts[k] = [*full[: level - 1], f"... {len(full) - level + 1} more lines"]
     return "\n\n".join("\n".join(lines) for lines in parts)
-
-
-def _cut(lines: list[str], most: int) -> list[str]:
-    """Return `most` lines, the last of which counts the others; all where there are no more."""
-    if len(lines) <= most:
-        return lines
-    full = list(filter(None, lines)) if most < _LOW else lines
-    return [*full[: most - 1], f"... {len(full) - most + 1} more lines"]
 
 
 @cache
@@ -267,7 +261,6 @@ def write_svg(drawings: Sequence[Drawing]) -> str:
 
 
 def _to_plain(value: Any) -> Any:  # noqa: ANN401  any value
-    """Return arrays and numbers of NumPy as Python's own."""
     return value.tolist() if hasattr(value, "tolist") else value
 
 

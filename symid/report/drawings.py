@@ -167,8 +167,7 @@ def _draw_channels(
 
 def draw_motion(motion: "ReferenceMotion", robot: Robot) -> tuple[Drawing, ...]:
     """Return positions and velocities of a trajectory over time, and the used part of each stated limit."""
-    shares: list[tuple[str, float]] = []
-    courses = motion.evaluate(np.linspace(0.0, motion.duration, _SAMPLES))
+    shares, courses = list[tuple[str, float]](), motion.evaluate(np.linspace(0.0, motion.duration, _SAMPLES))
     for joint, x, v, a in zip(robot.axes, *(course.T for course in courses), strict=True):
         limits = joint.limits
         if limits.position is not None:

@@ -102,7 +102,7 @@ def build_elastic_page(
 def _list_numbers(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> list[tuple[str, str]]:
     """Return the numbers that matter: what dynamics and springs leave of torques, and what is significant."""
     held_out = [trial for trial in trials if not trial.fitted]
-    numbers, told = [], {spring.joint for spring in estimate.springs if spring.identifiable}
+    told = {spring.joint for spring in estimate.springs if spring.identifiable}
     if held_out:
         dynamics = max(entry.relative_percent for trial in held_out for entry in trial.residuals[0][1])
         springs = [compute_spring_share(joint) for trial in held_out for joint in trial.joints]
@@ -114,7 +114,7 @@ def _list_numbers(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
     else:
         dynamics, where = max(entry.relative_percent for entry in estimate.residual), _IN_FIT
         springs = []
-    numbers.append((pages.format_percent(dynamics), f"residual of a motor's torque at most, {where}"))
+    numbers = [(pages.format_percent(dynamics), f"residual of a motor's torque at most, {where}")]
     if springs and all(share is not None for share in springs):
         worst = max(share for share in springs if share is not None)
         numbers.append((pages.format_percent(worst), "residual of a spring, of its joint's torque, at most"))
@@ -136,7 +136,6 @@ def _show_trials(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
 
 
 def _show_errors(trials: Sequence[ElasticTrial]) -> Iterator[Block]:
-    """Yield what springs leave of joint torques over time."""
     for trial in trials:
         yield f"== Residual of {trial.source} =="
         for joint in (joint for joint in trial.joints if joint.final is not None):
@@ -231,7 +230,6 @@ def show_spring(estimate: SpringEstimate) -> Iterator[Block]:
 
 
 def _list_stops(spring: joint_models.Elasticity) -> tuple[tuple[str, str, str], ...]:
-    """Return threshold, stiffness, and torque at which it slips, of every stop."""
     known = [(stop.threshold, stop.stiffness) for stop in spring.stops if stop.stiffness is not None]
     return tuple((f"{1e3 * place:.4g}", f"{k:.4g}", f"{k * place:.3g}") for place, k in known)
 
@@ -296,7 +294,7 @@ def _measure_spring(spring: joint_models.Elasticity, amplitude: float) -> tuple[
 
 
 def _get_traceable(estimate: SpringEstimate) -> joint_models.Elasticity | None:
-    """Return the true spring, None where it is not known, or its torque depends on the speed of a sweep."""
+    """Return the true spring; None where it is not known, or its torque depends on the speed of a sweep."""
     true = estimate.truth
     timed = true is not None and not true.is_plain and joint_models.needs_time(replace(true, damping=0.0))
     return None if timed else true
@@ -345,17 +343,14 @@ def _compare_methods(estimate: ElasticEstimate) -> Iterator[Block]:
         measures["largest error of a parameter (%)"] = errors.tolist()
     picked = next((k for k, trial in enumerate(trials) if trial.method == estimate.method), None)
     names = [f"{trial.method}{' (chosen)' * (trial.method == estimate.method)}" for trial in trials]
-    columns = [map(_format_score, scores) for scores in measures.values()]
+    columns = [
+        ["\N{EN DASH}" if x is None else f"{x:.4g}" if math.isfinite(x) else "failed" for x in scores]
+        for scores in measures.values()
+    ]
     yield _PREDICTION
     rows = tuple(zip(names, *columns, (trial.outcome.value for trial in trials), strict=True))
     header, left = ("method", *measures, "outcome"), (0, len(measures) + 1)
     yield Table(header, rows, left, "Methods on the same logs. Less is better.", picked=picked)
-
-
-def _format_score(value: float | None) -> str:
-    if value is None:
-        return "\N{EN DASH}"
-    return f"{value:.4g}" if math.isfinite(value) else "failed"
 
 
 def _show_convergence(estimate: ElasticEstimate) -> Iterator[Block]:
@@ -403,7 +398,6 @@ def _show_convergence(estimate: ElasticEstimate) -> Iterator[Block]:
 
 
 def _show_tracking(estimate: ElasticEstimate, runs: "Sequence[TrackingRun]") -> Iterator[Block]:
-    """Yield the RMS of the tracking error of every joint, and its course with every feed-forward."""
     joints = [(entry.joint, "m" if entry.unit == "N" else "rad") for entry in estimate.residual]
     rows = [(run.name, *(f"{1e3 * value:.4g}" for value in run.rms.tolist())) for run in runs]
     header = ("feed-forward", *(f"{name} (m{unit})" for name, unit in joints))

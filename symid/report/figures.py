@@ -1,4 +1,4 @@
-"""Figures as inline SVG: lines, curves, clouds, areas, values in rows; flow charts, arms.
+"""Figures as inline SVG: lines, curves, clouds, areas, values in rows; arms.
 
 Lines have at most 2000 points: functions of one variable keep every peak, curves that turn back on
 themselves, such as hysteresis loops, keep their corners (Ramer 1972, Douglas and Peucker 1973).
@@ -43,11 +43,6 @@ _INVISIBLE = 0.15
 """Distance in the unit of the drawing below which nobody sees a corner."""
 _LOGARITHMIC_RATIO = 8.0
 """Ratio of the largest to the smallest value from which on the axis is logarithmic."""
-Point = tuple[float, float]
-"""A place in a drawing, to the right and downwards."""
-_BOX = (300.0, 46.0)
-_TEXT_ROW = 16.0
-_HEAD = 9.0
 _VIEW = (math.radians(-62.0), math.radians(16.0))
 """From where an arm is seen: turned about the vertical, and from above."""
 _ARM_HEIGHT = 400.0
@@ -214,10 +209,8 @@ def _format_points(x: FloatArray, y: FloatArray, digits: int = 1) -> str:
     return " ".join(f"{a:.{digits}f},{b:.{digits}f}" for a, b in zip(x, y, strict=True))
 
 
-def _wrap_figure(
-    caption: str, height: float, body: Sequence[str], width: float = WIDTH, more: str = ""
-) -> Drawing:
-    head = f'<svg viewBox="0 0 {width:g} {height:g}" role="img" xmlns="http://www.w3.org/2000/svg"{more}>'
+def _wrap_figure(caption: str, height: float, body: Sequence[str], more: str = "") -> Drawing:
+    head = f'<svg viewBox="0 0 {WIDTH:g} {height:g}" role="img" xmlns="http://www.w3.org/2000/svg"{more}>'
     return Drawing(f"{head}<title>{escape(caption)}</title>{''.join(body)}</svg>", caption)
 
 
@@ -442,77 +435,6 @@ def build_mark_figure(
             body.append(f'<text class="{style}" x="{x + 12:.1f}" y="{y + 4:.1f}">{escape(entry.text)}</text>')
     data = FigureData(labels=(label, ""), marks=tuple(marks), limit=limit, logarithmic=logarithmic)
     return replace(_wrap_figure(caption, frame.height, body), data=data)
-
-
-@dataclass(frozen=True, slots=True)
-class Box:
-    """A step of a flow chart: lines of text about its middle, and whether it asks or ends.
-
-    `kind` is "step", "question" or "end"; `style` a class of the pages' style sheet.
-    """
-
-    middle: Point
-    text: tuple[str, ...]
-    style: str
-    kind: str = "step"
-
-
-@dataclass(frozen=True, slots=True)
-class Arrow:
-    """An arrow along at least two points, with a word beside its beginning."""
-
-    points: tuple[Point, ...]
-    label: str = ""
-
-
-def build_flow_chart(
-    caption: str,
-    boxes: Sequence[Box],
-    arrows: Sequence[Arrow],
-    titles: Sequence[tuple[Point, str]],
-    height: float,
-    *,
-    width: float,
-) -> Drawing:
-    """Return boxes and arrows between them, and `titles` of parts of the chart."""
-    body = [
-        f'<text class="title" x="{x:g}" y="{y:g}" text-anchor="middle">{escape(text)}</text>'
-        for (x, y), text in titles
-    ]
-    for arrow in arrows:
-        # A line with a head at its end.
-        places = np.array(arrow.points)
-        way = (places[-1] - places[-2]) / np.hypot(*(places[-1] - places[-2]))
-        side, base = np.array([-way[1], way[0]]), places[-1] - _HEAD * way
-        head = np.array([places[-1], base + 0.42 * _HEAD * side, base - 0.42 * _HEAD * side])
-        line = np.vstack([places[:-1], base])
-        body.append(f'<polyline class="arrow" points="{_format_points(line[:, 0], line[:, 1])}"/>')
-        body.append(f'<polygon class="head" points="{_format_points(head[:, 0], head[:, 1])}"/>')
-        (x, y), (x_next, _) = arrow.points[:2]
-        # Its word stands above a line across, at the right of one downwards.
-        right, down = (math.copysign(8.0, x_next - x), -6.0) if x_next != x else (7.0, 16.0)
-        place, anchor = f'x="{x + right:g}" y="{y + down:g}"', "end" if x_next < x else "start"
-        if arrow.label:
-            body.append(f'<text {place} text-anchor="{anchor}">{escape(arrow.label)}</text>')
-    wide, high = _BOX
-    for box in boxes:
-        x, y = box.middle
-        left, top = x - 0.5 * wide, y - 0.5 * high
-        if box.kind == "question":
-            slope = 0.4 * high
-            across = (left, left + slope, left + wide - slope, left + wide, left + wide - slope, left + slope)
-            points = _format_points(np.array(across), np.array((y, top, top, y, top + high, top + high)))
-            body.append(f'<polygon class="box {box.style}" points="{points}"/>')
-        else:
-            radius = 0.5 * high if box.kind == "end" else 5.0
-            size = f'width="{wide:g}" height="{high:g}" rx="{radius:g}"'
-            body.append(f'<rect class="box {box.style}" x="{left:g}" y="{top:g}" {size}/>')
-        first = y + 4.5 - 0.5 * _TEXT_ROW * (len(box.text) - 1)
-        body += [
-            f'<text x="{x:g}" y="{first + _TEXT_ROW * k:g}" text-anchor="middle">{escape(text)}</text>'
-            for k, text in enumerate(box.text)
-        ]
-    return _wrap_figure(caption, height, body, width)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

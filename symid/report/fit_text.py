@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from symid.arrays import FloatArray
     from symid.identification import estimators
     from symid.identification.elastic import DriveEffect, ElasticEstimate, StiffnessEstimate
-    from symid.identification.friction import FrictionIdentification, JointFriction, PoseTest
+    from symid.identification.friction import FrictionIdentification, PoseTest
     from symid.logs import Alignment
 
 _EFFECTS = {
@@ -64,9 +64,8 @@ def tabulate_laws(laws: "Sequence[estimators.FittedLaw]") -> tuple[Block, ...]:
         own, plain = held.get(entry.law, ""), held.get("coulomb-viscous-offset", "")
         rows.append((entry.joint, entry.law, own, plain, next(others, "")))
     title = "Friction laws: residual of the torque of held-out windows in motion; plain is "
-    title += "coulomb-viscous-offset."
     header = ("joint", "friction law", "held out/%", "plain/%", "best other law, %")
-    return (Table(header, rows, (0, 1, 4), title),)
+    return (Table(header, rows, (0, 1, 4), f"{title}coulomb-viscous-offset."),)
 
 
 def show_laws(laws: "Sequence[estimators.FittedLaw]") -> Iterator[Block]:
@@ -94,7 +93,6 @@ def describe_validation(validation: "estimators.Validation") -> dict[str, object
 
 
 def _describe_motion_parts(motion: "estimators.MotionResidual") -> dict[str, object]:
-    """Return one joint's residual by the phases of motion."""
     parts = zip(("motion", "reversal", "rest"), motion.rms, motion.rows, strict=True)
     phases = {name: {"rms": rms, "rows": rows} for name, rms, rows in parts}
     head = {"joint": motion.joint, "unit": motion.unit}
@@ -161,12 +159,11 @@ def _show_parameters(
 
 def show_residual(residual: Sequence["estimators.Residual"]) -> Table:
     """Return the table of residuals."""
-    rows = [
+    rows = []
+    for e in residual:
         # A joint without a motor has no torque that a residual could be a part of.
-        (entry.joint, entry.norm, f"{share:.4f}" if math.isfinite(share) else "", entry.std, *rest)
-        for entry in residual
-        for share, *rest in ((entry.relative_percent, entry.unit, entry.samples),)
-    ]
+        share = f"{e.relative_percent:.4f}" if math.isfinite(e.relative_percent) else ""
+        rows.append((e.joint, e.norm, share, e.std, e.unit, e.samples))
     return Table(("joint", "norm", "relative/%", "std", "unit", "samples"), rows, (0, 4))
 
 
@@ -341,7 +338,6 @@ def show_springs(estimate: "ElasticEstimate") -> Table:
 
 
 def _describe_effect(estimate: "ElasticEstimate", effect: "DriveEffect") -> dict[str, object]:
-    """Return an effect in plain types, with its joint and unit."""
     torque = estimate.residual[max(effect.joint, 0)].unit
     unit = _EFFECTS[effect.kind][1].format(torque=torque, position="m" if torque == "N" else "rad")
     joint = "all" if effect.joint < 0 else estimate.residual[effect.joint].joint
@@ -363,44 +359,74 @@ def show_effects(estimate: "ElasticEstimate") -> Table:
 
 def describe_friction(found: "FrictionIdentification") -> dict[str, object]:
     """Return the result as `symid identify --rows friction --json` gives it."""
-    joints = [_describe_joint_friction(entry) for entry in found.joints]
+    joints = []
+    for entry in found.joints:
+        estimate, poses = entry.estimate, entry.poses
+        own, rigid = (list(map(_describe_parameter, part)) for part in (estimate.parameters, estimate.extra))
+        for value in (*own, *rigid):
+            del value["truth"]
+            value["meaning"], value["remark"] = value.pop("expression"), value.pop("reason")
+        plain = {
+            **describe_record(estimate),
+            **describe_record(entry),
+            "parameters": own,
+            "rigid": {"text": entry.rigid, "parameters": rigid},
+            "refused": _describe_refused(estimate.refused),
+            "motion": None if entry.motion is None else _describe_motion_parts(entry.motion),
+            "outcome": describe_outcome(estimate.outcome),
+            "poses": poses
+            and {
+                **describe_record(poses),
+                "poses": [{"others": dict(pose.others), "sources": pose.sources} for pose in poses.poses],
+                "skipped": _describe_refused(poses.skipped, "sources"),
+                "parameters": [{**describe_record(e), "interval_95": e.intervals} for e in poses.parameters],
+            },
+        }
+        joints.append(plain)
     plain = {**describe_record(found), "rows": "friction", "joints": joints}
     del plain["friction"]
     return {**plain, "refused": _describe_refused(found.refused, "joint")}
 
 
-def _describe_joint_friction(entry: "JointFriction") -> dict[str, object]:
-    estimate, poses = entry.estimate, entry.poses
-    own, rigid = (list(map(_describe_parameter, part)) for part in (estimate.parameters, estimate.extra))
-    for value in (*own, *rigid):
-        del value["truth"]
-        value["meaning"], value["remark"] = value.pop("expression"), value.pop("reason")
-    return {
-        **describe_record(estimate),
-        **describe_record(entry),
-        "parameters": own,
-        "rigid": {"text": entry.rigid, "parameters": rigid},
-        "refused": _describe_refused(estimate.refused),
-        "motion": None if entry.motion is None else _describe_motion_parts(entry.motion),
-        "outcome": describe_outcome(estimate.outcome),
-        "poses": poses
-        and {
-            **describe_record(poses),
-            "poses": [{"others": dict(pose.others), "sources": pose.sources} for pose in poses.poses],
-            "skipped": _describe_refused(poses.skipped, "sources"),
-            "parameters": [{**describe_record(e), "interval_95": e.intervals} for e in poses.parameters],
-        },
-    }
-
-
 def show_friction(found: "FrictionIdentification") -> tuple[Block, ...]:
     """Return all that is found of a robot, joint by joint, and why it is not of the others."""
     size = len(found.joints) + len(found.refused)
-    blocks: list[Block] = [f"{found.robot}: friction of {len(found.joints)} of {size} joint{'s'[: size > 1]}"]
+    parts: list[Block] = [f"{found.robot}: friction of {len(found.joints)} of {size} joint{'s'[: size > 1]}"]
     for entry in found.joints:
-        blocks += _show_joint_friction(entry)
+        estimate, residual = entry.estimate, entry.residual
+        parts.append(f"== {entry.joint}: {estimate.law}, {estimate.estimator} ==")
+        if entry.selection is not None:
+            parts += [show_law_trials(entry.selection), _wrap(entry.selection.verdict)]
+        parts.append(f"{_wrap(entry.formula)}\n{_wrap(f'{estimate.outcome.value}; {estimate.ended}')}")
+        # Beyond J, a and b they are groups whose values say nothing by themselves.
+        rigid = estimate.extra if len(estimate.extra) <= _SHOWN else ()
+        shown = (*estimate.parameters, *rigid)
+        table = _show_parameters(shown, ".3g", {})
+        meanings = ("rigid part" if line in rigid else line.reason or line.expression for line in shown)
+        rows = [(*row, meaning) for row, meaning in zip(table.rows, meanings, strict=True)]
+        rms = f"{residual.std:.4g} {residual.unit} RMS over {residual.samples} samples"
+        parts += [
+            Table((*table.header, "meaning"), rows, (0, 4, 5)) if shown else "no parameter is identifiable",
+            _wrap(f"{entry.rigid}; residual {residual.relative_percent:.4f} % of the torque, {rms}"),
+        ]
+        motion = entry.motion
+        if motion is not None:
+            words = zip(("in motion", "at reversal", "at rest"), motion.rms, motion.rows, strict=True)
+            text = ", ".join(
+                f"{name} {rms:.4g} {motion.unit} ({100.0 * rows / sum(motion.rows):.3g} % of the samples)"
+                for name, rms, rows in words
+                if rms is not None
+            )
+            if motion.left_out:
+                whole = f"{motion.whole:.4g} {motion.unit}"
+                text += f"; {motion.left_out} of these samples were left out above, all of them have {whole}"
+            parts.append(_wrap(f"RMS {text}"))
+        if entry.poses is not None:
+            parts += [*show_poses(entry.poses), _wrap(f"{entry.poses.verdict}.")]
+        if estimate.refused:
+            parts.append("\n".join(_wrap(f"refused: {name}: {reason}") for name, reason in estimate.refused))
     refused = [_wrap(f"{name}: {reason}") for name, reason in found.refused]
-    return (*blocks, *(["\n".join(refused)] if refused else []))
+    return (*parts, *(["\n".join(refused)] if refused else []))
 
 
 def list_friction(found: "FrictionIdentification") -> tuple[Block, ...]:
@@ -416,42 +442,6 @@ def list_friction(found: "FrictionIdentification") -> tuple[Block, ...]:
     ]
     table = Table(("joint", "law", "values, SI units", "residual/%"), rows, (0, 1, 2), fold=_WIDTH // 2)
     return (show_friction(found)[0], table, *(f"refused: {name}: {text}" for name, text in found.refused))
-
-
-def _show_joint_friction(entry: "JointFriction") -> list[Block]:
-    estimate, residual = entry.estimate, entry.residual
-    parts: list[Block] = [f"== {entry.joint}: {estimate.law}, {estimate.estimator} =="]
-    if entry.selection is not None:
-        parts += [show_law_trials(entry.selection), _wrap(entry.selection.verdict)]
-    parts.append(f"{_wrap(entry.formula)}\n{_wrap(f'{estimate.outcome.value}; {estimate.ended}')}")
-    # Beyond J, a and b they are groups whose values say nothing by themselves.
-    rigid = estimate.extra if len(estimate.extra) <= _SHOWN else ()
-    shown = (*estimate.parameters, *rigid)
-    table = _show_parameters(shown, ".3g", {})
-    meanings = ("rigid part" if line in rigid else line.reason or line.expression for line in shown)
-    rows = [(*row, meaning) for row, meaning in zip(table.rows, meanings, strict=True)]
-    rms = f"{residual.std:.4g} {residual.unit} RMS over {residual.samples} samples"
-    parts += [
-        Table((*table.header, "meaning"), rows, (0, 4, 5)) if shown else "no parameter is identifiable",
-        _wrap(f"{entry.rigid}; residual {residual.relative_percent:.4f} % of the torque, {rms}"),
-    ]
-    motion = entry.motion
-    if motion is not None:
-        words = zip(("in motion", "at reversal", "at rest"), motion.rms, motion.rows, strict=True)
-        text = ", ".join(
-            f"{name} {rms:.4g} {motion.unit} ({100.0 * rows / sum(motion.rows):.3g} % of the samples)"
-            for name, rms, rows in words
-            if rms is not None
-        )
-        if motion.left_out:
-            whole = f"{motion.whole:.4g} {motion.unit}"
-            text += f"; {motion.left_out} of these samples were left out above, all of them have {whole}"
-        parts.append(_wrap(f"RMS {text}"))
-    if entry.poses is not None:
-        parts += [*show_poses(entry.poses), _wrap(f"{entry.poses.verdict}.")]
-    if estimate.refused:
-        parts.append("\n".join(_wrap(f"refused: {name}: {reason}") for name, reason in estimate.refused))
-    return parts
 
 
 def show_law_trials(selection: "estimators.LawSelection", title: str = "") -> Table:

@@ -90,9 +90,29 @@ def build_identification_page(
         diagnosis: of the fit and its own logs.
         options: notices, origin and further fields of the page, as of `build_fit_page`.
     """
-    numbers, headline = _list_numbers(estimate, validations)
-    # The worst log stands on the first pages, the others behind the parameters.
-    worst = _find_worst(validations) or next(iter(validations), None)
+    # Numbers that matter, and in a sentence how large the residual is, of which joint most.
+    tried, evidence, shares = _find_worst(validations), estimate.evidence, _list_left(estimate.residual)
+    if evidence is not None:
+        shares = [(entry.joint, entry.held_out) for entry in evidence.joints]
+    if tried is not None:
+        numbers, headline = _tell_tried(tried)
+    elif evidence is not None:
+        where = "held-out stretches (cross-validation)"
+        numbers, headline = _tell_residual(where, evidence.unexplained, shares, band=evidence.scoring)
+    else:
+        numbers, headline = _tell_residual("its own logs alone", estimate.mean_relative_percent, shares)
+    # The worst log leads the page, or else what is left joint by joint; other logs stand behind.
+    if tried is not None and tried.series:
+        lead = _draw_worst(tried)
+    else:
+        place = "the logs of the fit" if evidence is None else "stretches that were held out"
+        most, _ = max(shares, key=itemgetter(1))
+        marks = [
+            figures.Mark(name, value, pages.format_percent(value), name == most) for name, value in shares
+        ]
+        caption = f"How much does it miss, joint by joint? Residual in {place}."
+        lead = figures.build_mark_figure(caption, "residual (% of the joint's torque)", marks)
+    worst = tried or next(iter(validations), None)
     shown: Iterable[Block] = ("== Held-out logs ==", pages.UNTESTED) if worst is None else _show_log(worst)
     parameters = pages.tabulate_parameters(estimate.parameters, simulated=estimate.simulated)
     return pages.build_fit_page(
@@ -101,7 +121,7 @@ def build_identification_page(
         verdict=judge_identification(estimate, validations),
         headline=headline,
         numbers=[*numbers, pages.count_significant(estimate.parameters)],
-        lead=_draw_lead(estimate, validations),
+        lead=lead,
         blocks=(
             *shown,
             "== Parameters ==",
@@ -131,19 +151,7 @@ def build_identification_page(
     )
 
 
-def _list_numbers(estimate: Estimate, validations: Sequence[Validation]) -> tuple[list[tuple[str, str]], str]:
-    """Return the numbers that matter, and in a sentence how large the residual is, of which joint most."""
-    worst, evidence = _find_worst(validations), estimate.evidence
-    if worst is not None:
-        return _tell_tried(worst)
-    if evidence is not None:
-        shares, where = _list_shares(estimate), "held-out stretches (cross-validation)"
-        return _tell_residual(where, evidence.unexplained, shares, band=evidence.scoring)
-    return _tell_residual("its own logs alone", estimate.mean_relative_percent, _list_shares(estimate))
-
-
 def _tell_tried(worst: Validation) -> tuple[list[tuple[str, str]], str]:
-    """Return the same of a held-out log."""
     shares, only = _list_left(worst.residual), worst.residual[0]
     what: Any = {"what": QUANTITIES[worst.rows], "band": worst.scoring, "rms": (only.std, only.unit)}
     return _tell_residual("a held-out log", worst.mean_relative_percent, shares, **what)
@@ -172,13 +180,6 @@ def _tell_residual(
     return numbers, f"{told}."
 
 
-def _list_shares(estimate: Estimate) -> list[tuple[str, float]]:
-    """Return the residual of each joint, percent of its torque: in held-out stretches, else in the fit."""
-    if estimate.evidence is not None:
-        return [(entry.joint, entry.held_out) for entry in estimate.evidence.joints]
-    return _list_left(estimate.residual)
-
-
 def _list_left(residual: Sequence[Residual]) -> list[tuple[str, float]]:
     return [(entry.joint, entry.relative_percent) for entry in residual]
 
@@ -201,19 +202,6 @@ def _draw_worst(worst: Validation) -> Drawing:
     return draw_prediction(series, worst.rows, question)
 
 
-def _draw_lead(estimate: Estimate, validations: Sequence[Validation]) -> Drawing:
-    """Return the worst joint of a held-out log, measured and predicted; else what is left joint by joint."""
-    worst = _find_worst(validations)
-    if worst is not None and worst.series:
-        return _draw_worst(worst)
-    where = "the logs of the fit" if estimate.evidence is None else "stretches that were held out"
-    pairs = _list_shares(estimate)
-    most, _ = max(pairs, key=itemgetter(1))
-    marks = [figures.Mark(name, value, pages.format_percent(value), name == most) for name, value in pairs]
-    caption = f"How much does it miss, joint by joint? Residual in {where}."
-    return figures.build_mark_figure(caption, "residual (% of the joint's torque)", marks)
-
-
 def _show_choice(estimate: Estimate) -> Iterator[Block]:
     """Yield what held-out stretches say of every joint, and the settings that were compared."""
     evidence, choice = estimate.evidence, estimate.choice
@@ -229,12 +217,8 @@ def _show_choice(estimate: Estimate) -> Iterator[Block]:
         rows = []
         for entry in first[:_CANDIDATES]:
             bands = (fit_text.write_number(value, ".3g") for value in (entry.band, entry.instruments))
-            sizes = (
-                f"{entry.held_out:.3g}",
-                f"{entry.fall:.3g}",
-                f"{entry.p:.2g}",
-                f"{entry.consistent:.2g}",
-            )
+            forms = (".3g", ".3g", ".2g", ".2g")
+            sizes = map(format, (entry.held_out, entry.fall, entry.p, entry.consistent), forms)
             rows.append((*bands, entry.states, *sizes, "taken" if entry is choice.chosen else ""))
         title = (
             f"The best of {len(first)} settings that were compared, with the one taken: of those that "
@@ -280,11 +264,29 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
     for name, deviation, low, high in zip(bootstrap.names, *columns, strict=True):
         if name in stated:
             both = (pages.format_pair(stated[name].value, std) for std in (stated[name].std, deviation))
-            interval = pages.format_interval(low, high, deviation) if deviation > 0.0 else ""
+            interval = pages.format_in_digits((low, high), deviation, " to ") if deviation > 0.0 else ""
             scatter.append((name, *both, interval, "not significant" if name in dropped else ""))
     titles = ("name", "value ± stated std", "value ± bootstrap std", "95 % interval", "remark")
     yield Table(titles, scatter, (0, 4), title="Values in SI units.")
-    yield from _show_drift(estimate, diagnosis)
+    drift = diagnosis.drift
+    yield "== Drift between logs =="
+    if len(drift.runs) < 2:
+        yield "Drift needs at least two logs; there is one."
+    elif not drift.changed:
+        yield f"{drift.compared} parameters agree between {len(drift.runs)} logs within their noise."
+    else:
+        yield (
+            f"{len(drift.changed)} of {drift.compared} parameters differ significantly between the logs: the "
+            "robot changed, or the model misses a term."
+        )
+    apart = [
+        (entry.name, *map(pages.format_pair, entry.values, entry.deviations))
+        for entry in drift.changed
+        if len(entry.values) == len(drift.runs)
+    ]
+    if apart:
+        names = ("name", *(Path(estimate.sources[run]).name for run in drift.runs))
+        yield Table(names, apart, title="Estimates from each log alone, value ± std.")
     yield "== Structure of the residual =="
     if diagnosis.structure:
         found = ((e, f"{e.share_percent:.3g}", f"{e.rms:.3g}") for e in diagnosis.structure)
@@ -343,28 +345,6 @@ def describe_essential(diagnosis: Diagnosis) -> str:
     )
 
 
-def _show_drift(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]:
-    drift = diagnosis.drift
-    yield "== Drift between logs =="
-    if len(drift.runs) < 2:
-        yield "Drift needs at least two logs; there is one."
-    elif not drift.changed:
-        yield f"{drift.compared} parameters agree between {len(drift.runs)} logs within their noise."
-    else:
-        yield (
-            f"{len(drift.changed)} of {drift.compared} parameters differ significantly between the logs: the "
-            "robot changed, or the model misses a term."
-        )
-    rows = [
-        (entry.name, *map(pages.format_pair, entry.values, entry.deviations))
-        for entry in drift.changed
-        if len(entry.values) == len(drift.runs)
-    ]
-    if rows:
-        header = ("name", *(Path(estimate.sources[run]).name for run in drift.runs))
-        yield Table(header, rows, title="Estimates from each log alone, value ± std.")
-
-
 def _show_log(validation: Validation) -> Iterator[Block]:
     caption = "A log of the fit: this is no test." if validation.fitted else "Held out: not used in the fit."
     mean = f"Mean of the joints: {pages.format_percent(validation.mean_relative_percent)}."
@@ -379,7 +359,6 @@ def _show_log(validation: Validation) -> Iterator[Block]:
 
 
 def _show_errors(validation: Validation) -> Iterator[Block]:
-    """Yield the residual of a log: by phases of motion, and over time."""
     yield f"== Residual of {Path(validation.source).name} =="
     yield from fit_text.show_motion(validation.motion)
     if validation.scoring:

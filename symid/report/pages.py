@@ -117,7 +117,6 @@ def build_fit_page(
 
 
 def _list_settings(value: object, prefix: str = "") -> Iterator[tuple[str, str]]:
-    """Yield every setting of nested tables with its dotted name."""
     match value:
         case Mapping():
             for key, entry in value.items():
@@ -214,13 +213,8 @@ def tabulate_parameters(
 def tabulate_residual(residual: Sequence[Residual], title: str) -> Table:
     """Return the residual of every joint, the worst in bold."""
     rows = [
-        (
-            entry.joint,
-            format_percent(entry.relative_percent),
-            format_digits(entry.std),
-            write_unit(entry.unit),
-        )
-        for entry in residual
+        (e.joint, format_percent(e.relative_percent), format_digits(e.std), write_unit(e.unit))
+        for e in residual
     ]
     worst = max(range(len(rows)), key=lambda k: residual[k].relative_percent) if len(rows) > 1 else None
     return Table(("joint", "residual", "RMS", "unit"), rows, (0, 3), title, picked=worst)
@@ -286,15 +280,11 @@ def format_pair(value: float, std: float) -> str:
     """
     if not math.isfinite(std) or std <= 0.0:
         return write_minus(f"{value:.5g}")
-    return _format_in_digits((value, std), std, " \N{PLUS-MINUS SIGN} ")
+    return format_in_digits((value, std), std, " \N{PLUS-MINUS SIGN} ")
 
 
-def format_interval(low: float, high: float, std: float) -> str:
-    """Return an interval in the digits that a value of this deviation has."""
-    return _format_in_digits((low, high), std, " to ")
-
-
-def _format_in_digits(values: Sequence[float], std: float, between: str) -> str:
+def format_in_digits(values: Sequence[float], std: float, between: str) -> str:
+    """Return values in the digits that one of this deviation has."""
     place = math.floor(math.log10(std))
     # Two digits of 10 to 29, one of 30 to 99: the deviation of a deviation is no better.
     decimals = 1 - place if std / 10.0**place < _ONE_DIGIT else -place

@@ -36,13 +36,12 @@ from symid.identification import hysteresis
 from symid.identification.estimators import ParameterEstimate
 from symid.report import pages, robot_text
 from symid.report.blocks import Block, Drawing, Table
+from symid.report.comparison_text import show_comparison
 from symid.report.drawings import draw_excitation, draw_log, draw_robot, list_shares
 from symid.report.figures import TIME, Line, Mark, build_curve_figure, build_line_figure, build_mark_figure
 from symid.report.fit_text import show_stiffness
-from symid.report.validation_text import show_comparison
 from symid.report.verdict import LEVELS, FitVerdict, rate_output
 from symid.robot import Robot, name_for_commands
-from symid.serialization import describe_record
 
 if TYPE_CHECKING:
     from symid.dynamics import Payload
@@ -215,12 +214,12 @@ def judge_payload(found: "Payload") -> FitVerdict:
     lost = [entry.name for entry in found.quantities if entry.value is None]
     friction = [entry.name for entry in found.friction]
     changed = found.moved > _FAR or bool(found.unexplained and found.doubtful)
-    known = len(found.quantities) - len(lost)
-    headline = f"{known} of {len(found.quantities)} quantities of the payload are identified."
+    known, whole = len(found.quantities) - len(lost), len(found.quantities)
     lists = (("Not identifiable", lost), ("Friction changed", friction))
     return FitVerdict(
         level="doubtful" if changed else "usable" if lost else "good",
-        headline=headline + " But something else than a payload changed between the logs." * changed,
+        headline=f"{known} of {whole} quantities of the payload are identified."
+        + " But something else than a payload changed between the logs." * changed,
         details=(
             f"chi-square {found.chi2:.3g} over {found.freedom} degrees of freedom.",
             *(f"{what}: {', '.join(names)}." for what, names in lists if names),
@@ -262,10 +261,9 @@ def build_stiffness_page(found: "StiffnessEstimate", notices: Sequence[Notice]) 
     level = "good" if len(told) == len(known) else "usable" if told else "doubtful"
     headline = f"The stiffness of {len(told)} of {len(known)} joints is identified."
     alignment, details = found.alignment, tuple(f"{entry.joint}: {entry.reason}." for entry in found.joints)
-    names = (f"{entry.joint} ({pages.write_unit(entry.unit)})" for entry, *_ in told)
     marks = [
-        Mark(name, value, f"{value:.4g}: {low:.4g} to {high:.4g}")
-        for name, (_, value, (low, high)) in zip(names, told, strict=True)
+        Mark(f"{e.joint} ({pages.write_unit(e.unit)})", value, f"{value:.4g}: {low:.4g} to {high:.4g}")
+        for e, value, (low, high) in told
     ]
     caption = "How stiff is each joint? Values with 95 % intervals."
     delay = pages.format_pair(1e3 * alignment.delay, 1e3 * alignment.delay_std)
@@ -487,7 +485,6 @@ def draw_element(record: hysteresis.HysteresisRecord) -> tuple[Drawing, ...]:
 
 
 def _label_axes(record: hysteresis.HysteresisRecord) -> tuple[str, str]:
-    """Return what stands at the axes of input and output."""
     x, y = (
         f"{name} ({unit or 'unit of the file'})"
         for name, unit in zip(record.names, record.units, strict=True)
@@ -625,8 +622,3 @@ def build_element_page(record: hysteresis.HysteresisRecord, *, source: str = "")
         conventions="work is that done on the element: output times change of the input",
         units="Units are those of the file",
     )
-
-
-def describe_element(record: hysteresis.HysteresisRecord) -> dict[str, object]:
-    """Return an element in plain types."""
-    return {**describe_record(record), "inverse": hysteresis.describe_inversion(record) or None}

@@ -13,6 +13,7 @@ Not supported: figure 5, the test of poses, which needs recordings.
 import math
 import textwrap
 from collections.abc import Sequence
+from html import escape
 
 import numpy as np
 
@@ -32,9 +33,9 @@ from symid.robot import read_robot
 from symid.study import friction_protocols as paper
 
 _SYNTHETIC = (
-    "The paper's values are next to ours, which come from synthetic data: the paper's recordings are "
+    "The paper's values are next to ours, which come from synthetic data: the paper's recordings are not "
+    "public."
 )
-_SYNTHETIC += "not public."
 _WIDTH = 110
 _MARK = "*"
 _UNITS = {"vs": "rad/s", "dq0": "rad/s", "fV": "N m s/rad", "gamma": "1"}
@@ -43,11 +44,6 @@ _OTHER_LAWS = ("Coulomb + viscous", "original Stribeck")
 _VELOCITY = "velocity (rad/s)"
 _POINTS = 1201
 _STYLES = dict(zip(paper.LAWS, ("fourth", "third", "predicted"), strict=True))
-_LEFT, _RIGHT, _GUTTER, _ACROSS = 190.0, 650.0, 420.0, 860.0
-"""Middles of the columns of the flow chart, a way between them, and its width."""
-_ROWS = tuple(70.0 + 76.0 * row for row in range(6))
-_HALF, _EDGE, _OUTSIDE = 23.0, 150.0, 16.0
-"""Half a box, up and across; a way about the columns."""
 _PLATFORM, _POSE = "kr30.toml", (0.35, 1.75, -0.3, 0.4, 0.75, 0.0)
 """The arm that is drawn, and its joint angles, rad."""
 _RADII = (0.12, 0.11, 0.1, 0.07, 0.065, 0.055)
@@ -212,13 +208,9 @@ def _list_contest(contest: paper.EstimatorComparison) -> Table:
     timed = any(math.isfinite(run.seconds) for run in contest.runs)
     rows = list[Sequence[object]]()
     for run in (entry for entry in contest.runs if not entry.reason):
-        costs = (
-            run.evaluations,
-            run.solves,
-            run.iterations,
-            *([f"{1e3 * run.seconds:.0f}"] if timed else []),
-        )
-        rows.append((run.estimator, f"{run.objective:.6f}", f"{run.excess:.1e}", *costs))
+        costs = (run.evaluations, run.solves, run.iterations)
+        taken = [f"{1e3 * run.seconds:.0f}"] if timed else []
+        rows.append((run.estimator, f"{run.objective:.6f}", f"{run.excess:.1e}", *costs, *taken))
     header = ("estimator", "sum of squares", "excess", "evaluations", "linear problems", "iterations")
     note = ["Excess: over the least sum of squares of all. Every estimator with its defaults."]
     if timed:
@@ -317,18 +309,7 @@ def show_foreign(study: "studies.foreign_truths.ForeignStudy") -> tuple[Block, .
         words = (_join_counts(cell.verdicts), _join_counts(cell.choices), entry.best)
         near = (f"{count} of {entry.seeds}" for count in (entry.near, entry.near_best))
         chosen.append((name, *errors, write(cell.spring.median), *words, write(entry.ratio.median), *near))
-    header = [
-        "truth",
-        "worst",
-        "z rms (max)",
-        "spring",
-        "verdict",
-        "chosen",
-        "best",
-        "ratio",
-        "near",
-        "near best",
-    ]
+    header = ("truth", "worst", "z rms (max)", "spring", "verdict", "chosen", "best", "ratio", "near")
     methods, tables = [cell.method for cell in study.truths[0].cells], []
     for place, title in enumerate(("worst parameter, percent", "spring torque, percent")):
         rows = [
@@ -343,7 +324,7 @@ def show_foreign(study: "studies.foreign_truths.ForeignStudy") -> tuple[Block, .
         "is at most 1.2; near best: runs where the choice is at most 1.2 times as far off as the best method"
     )
     title = f"{study.arm}: automatic choice on hidden models, medians over {study.truths[0].seeds} seeds"
-    return (Table(header, chosen, left=(0, 4, 5, 6), title=title, note=note), *tables)
+    return (Table((*header, "near best"), chosen, left=(0, 4, 5, 6), title=title, note=note), *tables)
 
 
 def show_tracking(study: "studies.elastic_methods.TrackingStudy") -> tuple[Block, ...]:
@@ -501,65 +482,15 @@ def _draw_stribeck() -> Drawing:
 
 
 def _draw_hybrid() -> Drawing:
-    """Return our hybrid algorithm as a flow chart, with its default options."""
-    plain = (
-        ("end", f"{paper.POPULATION} candidates an unknown,", "at random between the bounds"),
-        ("step", "J of every candidate;", "temperature T = worst J \N{MINUS SIGN} best J"),
-        ("step", "parents: the better one of two,", "drawn as often as there are candidates"),
-        ("step", "a child of every parent,", "by a crossover of all candidates"),
-        ("step", "of parents and children", "the best half survives"),
-    )
-    annealing = (
-        ("step", "a neighbour of every survivor,", "J changes by dJ"),
-        (
-            "question",
-            "dJ < 0, or a random number of 0 to 1",
-            "< exp(\N{MINUS SIGN}dJ / T)? (the best: dJ < 0)",
-        ),
-        ("step", "the neighbour takes", "the survivor's place"),
-        ("step", f"T becomes {paper.COOLING:g} T"),
-        (
-            "question",
-            "(worst J \N{MINUS SIGN} best J) / best J",
-            f"\N{LESS-THAN OR EQUAL TO} {numerics.CONVERGED:g}?",
-        ),
-        ("end", "the best candidate"),
-    )
-    boxes = [
-        figures.Box((x, y), tuple(text), "second" if x == _RIGHT and y < _ROWS[4] else "first", kind)
-        for x, column in ((_LEFT, plain), (_RIGHT, annealing))
-        for y, (kind, *text) in zip(_ROWS, column, strict=False)
-    ]
-    titles = (
-        ((_LEFT, 26.0), "genetic algorithm"),
-        ((_RIGHT, 26.0), "simulated annealing, which the hybrid adds"),
-    )
     caption = (
         "Our hybrid of a genetic algorithm with simulated annealing, `annealing`, with its default "
         f"options; it also ends after {paper.GENERATIONS} generations. Of the paper's flow chart only the "
         "caption is public, so its algorithm may differ. The genetic algorithm alone leaves out the four "
         "steps of annealing."
     )
-    # The ways between the steps: down both columns, across, and back.
-    answers, low, end = {1: "yes", 4: "yes"}, _ROWS[5] - 5.0, _ACROSS - _OUTSIDE
-
-    def lead_down(x: float, row: int, label: str = "") -> figures.Arrow:
-        return figures.Arrow(((x, _ROWS[row] + _HALF), (x, _ROWS[row + 1] - _HALF)), label)
-
-    first, last = (_LEFT + _EDGE, _ROWS[4]), (_RIGHT - _EDGE, _ROWS[0])
-    across = (first, (_GUTTER, _ROWS[4]), (_GUTTER, _ROWS[0]), last)
-    kept = ((_RIGHT + _EDGE, _ROWS[1]), (end, _ROWS[1]), (end, _ROWS[3]), (_RIGHT + _EDGE, _ROWS[3]))
-    begin = _GUTTER + 40.0
-    back = (
-        *((_RIGHT - _EDGE, _ROWS[4]), (begin, _ROWS[4]), (begin, low)),
-        *((_OUTSIDE, low), (_OUTSIDE, _ROWS[2]), (_LEFT - _EDGE, _ROWS[2])),
-    )
-    arrows = [
-        *(lead_down(_LEFT, row) for row in range(4)),
-        *(lead_down(_RIGHT, row, answers.get(row, "")) for row in range(5)),
-        *(figures.Arrow(across), figures.Arrow(kept, "no"), figures.Arrow(back, "no")),
-    ]
-    return figures.build_flow_chart(caption, boxes, arrows, titles, _ROWS[5] + 40.0, width=_ACROSS)
+    chart = (locate_resource_folder("templates") / "report" / "annealing.svg").read_text(encoding="utf-8")
+    options = {"population": paper.POPULATION, "cooling": paper.COOLING, "converged": numerics.CONVERGED}
+    return Drawing("".join(chart.splitlines()).format(caption=escape(caption), **options), caption)
 
 
 def _draw_platform() -> Drawing:
@@ -636,7 +567,6 @@ def _fit_laws(
 
 
 def _draw_two_fit(samples: friction.FrictionSamples, *, near: bool) -> Drawing:
-    """Return fits of all laws to two trajectories: all of it, or what lies near standstill."""
     reach = 0.06 if near else 1.0
     velocity = np.linspace(-reach, reach, _POINTS)
     shown = np.abs(samples.velocity) <= reach

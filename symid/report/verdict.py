@@ -109,7 +109,6 @@ def list_verdict_notices(verdict: FitVerdict, file: str = "", *, tried: bool = F
 
 
 def _limit(level: str, headline: str, details: Sequence[str], caps: Caps) -> FitVerdict:
-    """Return the verdict of a level and of what limits it."""
     level = min((level, *(cap for cap, _ in caps)), key=LEVELS.index)
     wrong = [reason for cap, reason in caps if cap == "wrong"]
     reasons = (headline, *(f"{reason[:1].upper()}{reason[1:]}." for _, reason in caps))
@@ -163,7 +162,17 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
         f"Held-out residual below {evidence.scoring:.3g} Hz: {percent:.3g} % of the torque (cross-validation "
         f"over {parts})."
     )
-    level, caps = rate_output(percent), _list_causes(evidence)
+    level, caps, causes = rate_output(percent), list[tuple[str, str]](), evidence.causes
+    if causes:
+        # A single mistake that leaves much makes a fit wrong.
+        worst, said = max(entry.before for entry in causes), "; or ".join(entry.cause for entry in causes)
+        if len(causes) > 1 or causes[0].code in _LACKING:
+            said = f"one of these would explain the residual: {said}" if len(causes) > 1 else said
+            caps.append((min("usable", _rate(worst), key=LEVELS.index), said))
+        else:
+            fall = f"from {causes[0].before:.3g} % to {causes[0].after:.3g} %"
+            text = f"{said}: corrected, the held-out residual falls {fall}"
+            caps.append(("wrong" if worst > POLICY.good else "usable", text))
     if level == "wrong" and evidence.fitted <= POLICY.usable:
         # The model can follow these rows, and they are too few to identify its parameters.
         level = "doubtful"
@@ -171,7 +180,7 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
             (level, f"the fit itself has {evidence.fitted:.3g} %: the logs are too short for the model")
         )
     elif level == "wrong":
-        said = "" if evidence.causes else "; no single mistake that was tested explains it"
+        said = "" if causes else "; no single mistake that was tested explains it"
         text = f"the model does not describe these logs: held-out residual {percent:.3g} %{said}"
         caps.append((level, text))
     least = [entry for entry in evidence.joints if entry.held_out > POLICY.usable]
@@ -204,24 +213,6 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
             ("usable", f"the motion repeats every {evidence.period:.3g} s: the fit was tested on no other")
         )
     return level, headline, caps
-
-
-def _list_causes(evidence: Evidence) -> Caps:
-    """Return the limit that the causes set: a single mistake that leaves much makes a fit wrong."""
-    if not evidence.causes:
-        return []
-    worst = max(entry.before for entry in evidence.causes)
-    if len(evidence.causes) > 1 or evidence.causes[0].code in _LACKING:
-        level = min("usable", _rate(worst), key=LEVELS.index)
-        said = "; or ".join(entry.cause for entry in evidence.causes)
-        return [
-            (level, f"one of these would explain the residual: {said}" if len(evidence.causes) > 1 else said)
-        ]
-    only = evidence.causes[0]
-    text = (
-        f"{only.cause}: corrected, the held-out residual falls from {only.before:.3g} % to {only.after:.3g} %"
-    )
-    return [("wrong" if worst > POLICY.good else "usable", text)]
 
 
 _WHAT = {
@@ -402,9 +393,18 @@ def _judge_parameters(
         far = [entry.name for entry in known if not entry.near_truth]
         text = f"{len(known) - len(far)} of {len(known)} true values lie within three standard deviations"
         details.append(f"{text}; not {', '.join(far)}." if far else f"{text}.")
-    if simulated and (missed := _list_missed(known, tolerance)):
-        level = "doubtful" if 2 * len(missed) > len(known) else "usable"
-        caps.append((level, f"estimates differ significantly from true values: {', '.join(missed)}"))
+    # A spring on a grid is a model, and what it lacks is no noise: hence the tolerance.
+    off = [e for e in known if e.error_percent is None or not abs(e.error_percent) <= tolerance]
+    missed, whole = [entry.name for entry in off if not entry.near_truth], len(known)
+    if simulated and missed:
+        # Beyond 3 std, one so far or so many that they are less likely than 1 %.
+        bound = max(POLICY.printed, NormalDist().inv_cdf(1.0 - 0.5 * POLICY.alarm / whole))
+        beyond = any(not abs(entry.value - (entry.truth or 0.0)) <= bound * entry.std for entry in off)
+        share = 2.0 * NormalDist().cdf(-POLICY.printed)
+        terms = (math.comb(whole, k) * share**k * (1.0 - share) ** (whole - k) for k in range(len(missed)))
+        if beyond or 1.0 - sum(terms) < POLICY.alarm:
+            level = "doubtful" if 2 * len(missed) > whole else "usable"
+            caps.append((level, f"estimates differ significantly from true values: {', '.join(missed)}"))
     if not small and 2 * len(uncertain) > len(parameters):
         text = (
             f"{len(uncertain)} of {len(parameters)} parameters are uncertain by over {POLICY.uncertain:g} %"
@@ -438,21 +438,6 @@ def _find_uncertain(parameters: Sequence[ParameterEstimate]) -> tuple[list[str],
         elif not entry.significant:
             zero.append(entry.name)
     return uncertain, zero
-
-
-def _list_missed(known: Sequence[ParameterEstimate], tolerance: float) -> list[str]:
-    """Return who lies beyond 3 std of the truth, if one so far or so many are less likely than 1 %."""
-    # A spring on a grid is a model, and what it lacks is no noise: hence the tolerance.
-    off = [e for e in known if e.error_percent is None or not abs(e.error_percent) <= tolerance]
-    far = [entry.name for entry in off if not entry.near_truth]
-    if not far:
-        return []
-    whole = len(known)
-    bound = max(POLICY.printed, NormalDist().inv_cdf(1.0 - 0.5 * POLICY.alarm / whole))
-    beyond = any(not abs(entry.value - (entry.truth or 0.0)) <= bound * entry.std for entry in off)
-    share = 2.0 * NormalDist().cdf(-POLICY.printed)
-    fewer = sum(math.comb(whole, k) * share**k * (1.0 - share) ** (whole - k) for k in range(len(far)))
-    return far if beyond or 1.0 - fewer < POLICY.alarm else []
 
 
 def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> FitVerdict:

@@ -579,7 +579,6 @@ class TrackingStudy:
 
 
 def _run_seed(task: tuple[Robot, str, int]) -> dict[str, tuple[float, ...]]:
-    """Return the RMS errors of every case and joint for one seed."""
     robot, backend, seed = task
     scene = prepare_elastic_scene(robot, SensorCondition.NOISY, backend)
     recordings = observe_runs(scene.runs, DATASETS[TRAINING], SensorCondition.NOISY, seed)

@@ -384,7 +384,6 @@ class _Plant(NamedTuple):
 
 
 def _advance_plant(plant: _Plant, s: _PlantState, command: FloatArray) -> _PlantState:
-    """Return the plant a step later."""
     p, step = plant.hidden, plant.step
     theta = s.theta + 0.5 * step * s.motor.speed
     q: FloatArray = s.q + 0.5 * step * s.dq

@@ -206,7 +206,6 @@ def build_motions(size: int, share: float = 1.0) -> tuple[ForeignMotion, ...]:
 
 
 def _write_motion(name: str, size: int, time: FloatArray) -> FloatArray:
-    """Return the angles (N, n) of a motion, ramped up."""
     t, joint = time[:, None, None], np.arange(size)
     if name == "TA":
         q = (math.pi / 6.0) * np.sin(_SINES[:size] * t + _PHASES[:size]).sum(axis=2)

@@ -212,7 +212,6 @@ def study_precision(
 
 
 def _fit_seed(task: tuple[Robot, str, int]) -> dict[str, _SeedErrors]:
-    """Return the errors of every method under the noise of a seed."""
     robot, backend, seed = task
     scene = _load_scene(robot, backend)
     rng = np.random.default_rng(seed)

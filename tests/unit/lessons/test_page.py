@@ -9,10 +9,10 @@ import pytest
 
 import symid
 from symid.cli.main import run
-from symid.lessons import get_book, write_lesson_tex
+from symid.lessons import get_book
 from symid.lessons.chapters import build_values
 from symid.lessons.matrices import build_model
-from symid.lessons.page import write_lesson_page as write_parts
+from symid.lessons.page import write_lesson as write_parts
 from symid.robot import load_robot
 from symid.robot.toml_reader import parse_robot
 
@@ -87,7 +87,7 @@ def test_texts_of_the_file_are_escaped_in_pages_and_documents():
     assert "{{STYLE}}" in text
     plain = write_lesson_page(load_robot("two_link"), get_book("symid"))
     assert text.count("KaTeX_Main") == plain.count("KaTeX_Main")
-    text = write_lesson_tex(parse_robot(robot % ("100 % & #1 {x}", "a^b")), get_book("symid")).text
+    text = write_lesson_page(parse_robot(robot % ("100 % & #1 {x}", "a^b")), get_book("symid"), tex=True)
     assert r"100 \% \& \#1 \{x\}" in text
     assert r"a\textasciicircum{}b" in text
     assert r"\title{a\_b: equation of motion}" in text

@@ -10,7 +10,7 @@ from symid.environment import locate_resource_folder
 from symid.lessons import get_book
 from symid.lessons.chapters import list_items
 from symid.lessons.dynamic_chapters import build_lesson
-from symid.lessons.page import write_lesson_page
+from symid.lessons.page import write_lesson
 from symid.lessons.words import load_pairs, load_words
 from symid.robot import load_robot
 
@@ -73,7 +73,7 @@ def test_texts_of_the_script_are_in_the_table():
 @pytest.mark.parametrize("notation", ["siciliano", "khalil"])
 def test_a_page_has_its_language(notation):
     robot = load_robot("ppr")
-    page = write_lesson_page(robot, get_book(notation), exercises=8, seed=3, language="de")
+    page = write_lesson(robot, get_book(notation), exercises=8, seed=3, language="de")
     assert '<html lang="de">' in page.text
     body = page.text.split("<body>")[1].split("<script>")[0]
     shown = re.sub(r'<span class="tex">.*?</span>|<code>.*?</code>|<[^>]*>', " ", body)
@@ -81,7 +81,7 @@ def test_a_page_has_its_language(notation):
     assert not ENGLISH.search(shown), ENGLISH.search(shown)
     for text in (page.sheet, page.answers):
         assert not ENGLISH.search(re.sub(r"symid derive|--\S+", "", text)), text
-    assert '<html lang="en">' in write_lesson_page(robot, get_book(notation)).text
+    assert '<html lang="en">' in write_lesson(robot, get_book(notation)).text
 
 
 def test_forms_hold_what_differs_and_lists_are_read_part_by_part():

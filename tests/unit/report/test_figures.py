@@ -4,22 +4,21 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
+from symid.report import study_text
 from symid.report.figures import (
     ArmJoint,
-    Arrow,
     Axis,
-    Box,
     Line,
     Mark,
     build_arm_figure,
     build_axis,
     build_curve_figure,
-    build_flow_chart,
     build_line_figure,
     build_mark_figure,
     format_tick,
     thin_curve,
 )
+from symid.study import friction_protocols
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -196,23 +195,26 @@ def test_values_at_the_ends_of_what_numbers_hold_are_drawn_or_left_out(values):
         assert "inf" not in figure.svg
 
 
-def test_a_flow_chart_has_its_steps_and_arrows_that_end_at_their_heads():
-    begin, near = (200.0, 60.0), (200.0, 160.0)
-    boxes = [Box(begin, ("begin", "<here>"), "first", "end"), Box(near, ("near?",), "second", "question")]
-    back = ((50.0, 160.0), (20.0, 160.0), (20.0, 60.0), (50.0, 60.0))
-    arrows = [Arrow(((200.0, 83.0), (200.0, 137.0)), "down"), Arrow(back, "no")]
-    root = parse(build_flow_chart("steps", boxes, arrows, [((200.0, 20.0), "part")], 220.0, width=400.0))
-    assert root.get("viewBox") == "0 0 400 220"
-    assert list_texts(root) == ["part", "down", "no", "begin", "<here>", "near?"]
-    assert root.find(f"{SVG}title").text == "steps"
-    heads = list(map(read_points, list_kind(root, "polygon", "head")))
-    assert [tuple(head[0]) for head in heads] == [(200.0, 137.0), (50.0, 60.0)]
+def test_the_flow_chart_has_its_steps_and_arrows_that_end_at_their_heads():
+    chart = study_text._draw_hybrid()
+    root = parse(chart)
+    texts = list_texts(root)
+    assert {"genetic algorithm", "a child of every parent,", "no", "yes", "T becomes 0.6 T"} <= set(texts)
+    assert f"{friction_protocols.POPULATION} candidates an unknown," in texts
+    assert texts.count("\N{LESS-THAN OR EQUAL TO} 1e-06?") == 1
+    assert root.find(f"{SVG}title").text == chart.caption
     # A line stops at the middle of its head's base.
     lines = [read_points(entry) for entry in root.iter(f"{SVG}polyline")]
+    heads = list(map(read_points, list_kind(root, "polygon", "head")))
     for line, head in zip(lines, heads, strict=True):
         np.testing.assert_allclose(line[-1], head[1:].mean(axis=0), atol=0.1)
-    rectangle = root.find(f"{SVG}rect")
-    assert (rectangle.get("class"), float(rectangle.get("rx"))) == ("box first", 23.0)
+    # Every arrow ends at a box, a question or an end.
+    rectangles = [entry for entry in root.iter(f"{SVG}rect") if entry.get("class").startswith("box")]
+    sizes = [tuple(float(entry.get(name)) for name in ("x", "y", "width", "height")) for entry in rectangles]
+    asked = [read_points(entry) for entry in root.iter(f"{SVG}polygon") if "box" in entry.get("class")]
+    sizes += [(*part.min(axis=0), *np.ptp(part, axis=0)) for part in asked]
+    for x, y in (head[0] for head in heads):
+        assert any(a <= x <= a + wide and b <= y <= b + high for a, b, wide, high in sizes)
 
 
 def test_an_arm_is_drawn_from_a_side_and_from_above():
