@@ -8,10 +8,10 @@ from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
     "files of symid/": 228,
-    "lines": 85_779,
+    "lines": 85_820,
     "imports inside functions": 82,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
-    "lines of tests": 60_647,  # Faults of samples, and plants of the judge, are tested on their own.
+    "lines of tests": 60_678,  # Faults of samples, and plants of the judge, are tested on their own.
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }
