@@ -465,7 +465,8 @@ def prepare_library(
             if compiler is not None:
                 report(f"compiling with {compiler.path}")
                 binary = folder / f"lib{prefix}{'_casadi' if casadi else ''}.so"
-                compile_sources(replace(compiler, flags=(*compiler.flags, *flags)), sources, binary)
+                builder = replace(compiler, flags=(*compiler.flags, *flags))
+                compile_sources(builder, sources, binary, straight=True)
 
         entry = CacheEntry(name=prefix, key=key, make=make, load=load_library)
         library, more = obtain_entry(entry, cache)

@@ -53,7 +53,6 @@ RIGID_ENDS = ("well", "away", "chatter", "steep", "not-converged")
 answer to which joints rest."""
 COMPILED = ("inverse_dynamics", "forward_dynamics")
 """Functions that `build_compiled_function` offers: those with a generated derivative."""
-_PLANT_FILES = ("plant_calls.h", "elastic_plant.c", "rigid_plant.c")
 _ELEMENT = "symid_plant_pull"
 _BRANCH = "symid_branch"
 _READS = {"q": 1, "load": 2, "temperature": 4}
@@ -334,6 +333,7 @@ def _list_friction(
 
 def load_plant_code(
     springs: tuple[joint_models.Elasticity, ...] = (),
+    kind: str = "elastic",
     *,
     compiler: str | None = None,
     cache: Path | None = None,
@@ -341,6 +341,7 @@ def load_plant_code(
     """Return the compiled plant, from the cache or made now; None on a machine without a C compiler.
 
     Args:
+        kind: of robots, "elastic" or "rigid".
         springs: of all joints where one of them fits no table of stops and knees; none where all do.
         compiler: command of the C compiler; None for the first of cc, gcc, clang.
         cache: folder to keep it in; None for the user's, or a temporary one with a notice.
@@ -353,7 +354,8 @@ def load_plant_code(
     if found is None:
         return None
     folder = locate_resource_folder("templates") / "c"
-    files = {name: (folder / name).read_text(encoding="utf-8") for name in _PLANT_FILES}
+    names = ("plant_calls.h", f"{kind}_plant.c")
+    files = {name: (folder / name).read_text(encoding="utf-8") for name in names}
     shared, notices = _obtain_code("plant", files, found, cache)
     if not springs:
         return CompiledPlant(shared=shared, notices=notices)
@@ -520,7 +522,7 @@ def build_compiled_function(
         glue = folder / f"{prefix}_external.c"
         glue.write_text(write_external(functions, name), encoding="utf-8")
         sources = [path for path in paths if path.match(f"{prefix}_*.c")]
-        compile_sources(compiler, [*sources, glue], folder / f"{name}.so")
+        compile_sources(compiler, [*sources, glue], folder / f"{name}.so", straight=True)
 
     entry = CacheEntry(
         name=f"external-{name}",

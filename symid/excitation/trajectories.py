@@ -47,6 +47,8 @@ TRAJECTORY_NAMES, _TA_JOINTS = ("fourier", "ta", "tb", "tc"), 2
 _QUANTITIES = ("q", "dq", "ddq")
 _FEWEST = 8
 """Fewest samples of a trajectory in a file."""
+_BLOCK = 4096
+"""Samples of a motion that are computed at once."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -76,12 +78,20 @@ class Trajectory(FrozenArrays):
 
     def evaluate(self, times: FloatArray, order: int = 2) -> tuple[FloatArray, ...]:
         """Return exact q, dq, ddq, or more, up to `order`: (N, n) rad or m, /s, ..., at `times` (N,) s."""
+        if len(times) > _BLOCK:
+            # What one sample takes on the way is many times what it gives.
+            blocks = (times[start : start + _BLOCK] for start in range(0, len(times), _BLOCK))
+            pieces = (self.evaluate(block, order) for block in blocks)
+            return tuple(map(np.concatenate, zip(*pieces, strict=True)))
         t = np.asarray(times, dtype=np.float64)[:, None]
         angle = self.frequency * t[:, :, None] + self.phase
         # The derivative of order k of a sine: a quarter turn each.
         sine, cosine = _compute_sines(angle)
-        turns = (sine, cosine, -sine, -cosine)
-        waves = [(self.amplitude * self.frequency**k * turns[k % 4]).sum(axis=2) for k in range(order + 1)]
+        turns, signs = (sine, cosine), (1.0, 1.0, -1.0, -1.0)
+        waves = [
+            (signs[k % 4] * self.amplitude * self.frequency**k * turns[k % 2]).sum(axis=2)
+            for k in range(order + 1)
+        ]
         envelope = 1.0 - self.decay * t
         inner = [
             envelope * wave - k * self.decay * waves[k - 1] if k else envelope * wave
@@ -538,8 +548,8 @@ def _compute_sines(angle: FloatArray) -> tuple[FloatArray, FloatArray]:
     visible in a simulated log.
     """
     flat = angle.ravel().tolist()
-    found = np.array([list(map(math.sin, flat)), list(map(math.cos, flat))])
-    return found[0].reshape(angle.shape), found[1].reshape(angle.shape)
+    sine, cosine = (np.fromiter(map(turn, flat), np.float64, len(flat)) for turn in (math.sin, math.cos))
+    return sine.reshape(angle.shape), cosine.reshape(angle.shape)
 
 
 def build_grid_basis(space: SeriesSpace, count: int, orders: int) -> FloatArray:

@@ -525,11 +525,11 @@ def _write_archive(stream: IO[bytes], raw: RawLog) -> None:
     arrays: dict[str, np.ndarray] = dict(raw.columns)
     if raw.units:
         arrays[UNITS_ARRAY] = np.array([f"{name} [{unit}]" for name, unit in raw.units.items()])
-    # Arrays go one by one: savez dates its members, and the same log must give the same bytes.
-    with zipfile.ZipFile(stream, "w", zipfile.ZIP_DEFLATED) as archive:
+    # Arrays go one by one: savez dates its members, and the same log must give the same bytes. Digits of
+    # sensors hardly get shorter by compression, which takes longer than the simulation of them.
+    with zipfile.ZipFile(stream, "w") as archive:
         for name, values in arrays.items():
             member = zipfile.ZipInfo(f"{name}.npy")
-            member.compress_type = zipfile.ZIP_DEFLATED
             with archive.open(member, "w", force_zip64=True) as part:
                 np.lib.format.write_array(part, np.ascontiguousarray(values), allow_pickle=False)
 

@@ -26,7 +26,6 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 
 import numpy as np
-import scipy
 from numpy.random import Generator
 from numpy.typing import NDArray
 
@@ -80,6 +79,8 @@ _BANDWIDTH, _PERIOD, _VELOCITY_FILTER = 12.0, 1e-3, 150.0
 """Hz, s and Hz, of control where nobody states them."""
 _MARGIN = 1.25
 """Factor on the gains with which every sampled loop must still be stable."""
+_SLOWEST_DECAY = 1e-8
+"""Least share of a velocity that friction takes in a period: less leaves no digits of what is carried."""
 _LOWER, _LEAST_BANDWIDTH = 0.8, 0.1
 """Factor on a bandwidth that is too high, and the least one, Hz."""
 _SHIPPED_GAINS = {"two_link_elastic": ((4000.0, 1500.0), (120.0, 40.0))}
@@ -319,7 +320,7 @@ def simulate_experiment(
     times = build_times(robot, library, trajectory, options, gains)
     plant = rigid_plant.RigidPlant(library, speeds=get_limits(robot, "velocity"))
     encoder = get_encoder_turns(robot) / (options.sensors.counts_per_turn or np.inf)
-    desired, speeds, _ = trajectory.evaluate(times)
+    desired, speeds = trajectory.evaluate(times, 1)
     law, bandwidth, notices = _complete_controller(robot, library, plant, desired, options)
     # What the plant is to do, from rest at the first pose.
     order = RigidExperiment(
@@ -391,20 +392,35 @@ def _compute_blend(law: Controller, period: float) -> float:
     return 1.0 if cutoff is None else 1.0 - float(np.exp(-2.0 * np.pi * cutoff * period))
 
 
+def compute_flow(mass: FloatArray, viscous: FloatArray, period: float) -> tuple[FloatArray, FloatArray]:
+    """Return what a period in s makes of (q, dq), (K, 2n, 2n), and of torques held in it, (K, 2n, n).
+
+    M ddq = tau - D dq, exactly, with `mass` M (K, n, n) and D of `viscous` (n,); SI units.
+    """
+    # In coordinates in which M is one and D diagonal. So slow a decay is as good as none.
+    factor = np.linalg.inv(np.linalg.cholesky(mass))
+    rates, modes = np.linalg.eigh((factor * viscous) @ factor.swapaxes(1, 2))
+    turn, x = factor.swapaxes(1, 2) @ modes, np.minimum(-period * rates, -_SLOWEST_DECAY)
+    share = np.expm1(x) / x
+    once, twice = period * share, period**2 * (share - 1.0) / x
+
+    def carry(part: FloatArray, ways: FloatArray) -> FloatArray:
+        return np.asarray(turn * part[:, None] @ ways)
+
+    back, push = np.linalg.inv(turn), turn.swapaxes(1, 2)
+    still = np.broadcast_to(np.eye(len(viscous)), mass.shape)
+    free = np.block([[still, carry(once, back)], [0.0 * still, carry(np.exp(x), back)]])
+    return free, np.concatenate([carry(twice, push), carry(once, push)], axis=1)
+
+
 def _is_stable(plant: rigid_plant.RigidPlant, mass: FloatArray, law: Controller, period: float) -> bool:
     """Return whether the sampled loops at M (K, n, n) are stable, with gains of `_MARGIN` times the law's."""
-    blend, size, inverse = _compute_blend(law, period), plant.size, np.linalg.inv(mass)
+    blend, size = _compute_blend(law, period), plant.size
     position, velocity, known, before = np.split(np.eye(4 * size), 4)
     raw = velocity if law.velocity_source == "sensor" else (position - before) / period
     filtered = blend * raw + (1.0 - blend) * known
     pull = np.diag(law.stiffness) @ position + np.diag(law.damping) @ filtered
-    # Exact between ticks: M dv/dt = tau - D v, with D the viscous friction and tau held.
-    flow = np.zeros((len(mass), 3 * size, 3 * size))
-    flow[:, :size, size : 2 * size] = np.eye(size)
-    flow[:, size : 2 * size, size : 2 * size] = -inverse * plant.friction.viscous[1:].min(axis=0)
-    flow[:, size : 2 * size, 2 * size :] = inverse
-    after = scipy.linalg.expm(period * flow)[:, : 2 * size]
-    free, pulled = np.split(after, [2 * size], axis=2)
+    free, pulled = compute_flow(mass, plant.friction.viscous[1:].min(axis=0), period)
     moved = free @ np.eye(2 * size, 4 * size) - _MARGIN * pulled @ pull
     rest = np.broadcast_to(np.vstack([filtered, position]), (len(mass), 2 * size, 4 * size))
     return bool(np.abs(np.linalg.eigvals(np.concatenate([moved, rest], axis=1))).max() < 1.0)

@@ -735,7 +735,7 @@ def find_compiled_plant(
         reason = "the robot's functions are not compiled"
     elif not lacking:
         try:
-            plant = codegen.load_plant_code(tuple(springs))
+            plant = codegen.load_plant_code(tuple(springs), kind)
         except GenerationError as error:
             plant, reason = None, str(error)
         if plant is not None:

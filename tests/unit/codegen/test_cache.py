@@ -24,7 +24,13 @@ from symid.codegen.cache import (
     make_temporary_folder,
     prepare_library,
 )
-from symid.codegen.compiler import Compiler, compile_sources, locate_compiler, read_processor
+from symid.codegen.compiler import (
+    Compiler,
+    compile_sources,
+    diagnose_compiler,
+    locate_compiler,
+    read_processor,
+)
 from symid.environment import mark_scratch
 from symid.errors import GenerationError, OutputError
 from symid.joint_models.hysteresis import Elasticity
@@ -169,9 +175,9 @@ def test_generated_code_that_does_not_compile_is_an_error_and_leaves_no_entry(
 ):
     """With a sound compiler the fault is ours: nothing falls back, nothing stays behind."""
 
-    def spoil(compiler, sources, output):
+    def spoil(compiler, sources, output, **options):
         sources[0].write_text("this is no C\n", encoding="utf-8")
-        return compile_sources(compiler, sources, output)
+        return compile_sources(compiler, sources, output, **options)
 
     monkeypatch.setattr(cache_module, "compile_sources", spoil)
     with pytest.raises(GenerationError):
@@ -202,6 +208,11 @@ def test_the_compilers_message_reaches_the_reader(tmp_path, c_compiler):
         compile_sources(compiler, [source], tmp_path / "x.so")
     assert f"{c_compiler} -std=c99" in str(caught.value)
     assert not (tmp_path / "x.so").exists()
+    # Straight lines get flags of their own, where the compiler knows them.
+    with raises(GenerationError, "codegen.compiler-failed", match="missing") as caught:
+        compile_sources(compiler, [source], tmp_path / "x.so", straight=True)
+    knows = not diagnose_compiler(replace(compiler, flags=("-fpeephole2",)))
+    assert ("-O1" in str(caught.value)) == knows
     assert locate_compiler("no-such-compiler") is None
 
 

@@ -127,7 +127,7 @@ def test_a_compiler_that_is_missing_or_cannot_be_used_is_told_of(robot, tmp_path
     with raises(GenerationError, "codegen.no-compiler", match=r"'no-such-compiler'.*'c'"):
         prepare(robot, tmp_path / "a", backend="c", compiler="no-such-compiler")
 
-    def fail(*_):
+    def fail(*_, **options):
         raise GenerationError(cache_module.Notice(code="codegen.compiler-failed", text="no headers"))
 
     monkeypatch.setattr(cache_module, "compile_sources", fail)

@@ -4,11 +4,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 
 from symid.errors import SolverError, UsageError
 from symid.excitation.trajectories import build_ta, build_tb
 from symid.robot.description import Controller, Limits
-from symid.simulation.experiment import ExperimentOptions, SensorOptions, check_balance, simulate_experiment
+from symid.simulation.experiment import (
+    ExperimentOptions,
+    SensorOptions,
+    check_balance,
+    compute_flow,
+    simulate_experiment,
+)
 from tests.refusals import raises
 from tests.unit.simulation.conftest import Changed
 
@@ -17,6 +24,19 @@ CLEAN = ExperimentOptions(duration=3.0, sensors=SensorOptions(counts_per_turn=No
 
 def simulate(robot, library, options=CLEAN, seed=1, trajectory=None):
     return simulate_experiment(robot, library, trajectory or build_ta(), options, np.random.default_rng(seed))
+
+
+@pytest.mark.parametrize("viscous", [(0.0, 0.0, 0.0), (0.8, 0.0, 3.0), (1e4, 1e-3, 50.0)])
+@pytest.mark.parametrize("period", [1e-4, 1e-3, 0.02])
+def test_a_period_with_viscous_friction_is_the_exponential_of_the_equations(viscous, period):
+    half = np.random.default_rng(3).normal(size=(4, 3, 3))
+    mass = half @ half.swapaxes(1, 2) + 0.1 * np.eye(3)
+    inverse, flow = np.linalg.inv(mass), np.zeros((4, 9, 9))
+    flow[:, :3, 3:6] = np.eye(3)
+    flow[:, 3:6, 3:6], flow[:, 3:6, 6:] = -inverse * viscous, inverse
+    free, pulled = np.split(scipy.linalg.expm(period * flow)[:, :6], [6], axis=2)
+    for found, known in zip(compute_flow(mass, np.array(viscous), period), (free, pulled), strict=True):
+        np.testing.assert_allclose(found, known, rtol=1e-6, atol=1e-6 * np.abs(known).max())
 
 
 def test_a_clean_run_closes_its_energy_balance_and_moves_by_its_equation(make_robot, arm):
