@@ -290,23 +290,31 @@ def mark_sheet(robot: Robot, sheet: AnswerSheet, file: str) -> tuple[MarkedAnswe
     found = []
     for number, one in enumerate(drawn, start=1):
         typed, right, mark, note = sheet.answers.get(number, ""), False, "", ""
+        given = _take_off_note(typed, one)
         try:
             if not typed:
                 mark = "empty"
             elif one.options:
-                chosen = read_answer(typed, comparison.names)
+                chosen = read_answer(given, comparison.names)
                 right = chosen.text == comparison.names.get(one.answer, one.answer)
             elif one.number is not None:
-                value = evaluate_number(read_answer(typed, comparison.names), lesson.values)
+                value = evaluate_number(read_answer(given, comparison.names), lesson.values)
                 right = abs(value - one.number) <= _SHARE * max(_SHARE, abs(one.number))
                 note = f"{value:.5g}, to one percent"
             else:
-                right, note = comparison.compare(typed, one.code)
+                right, note = comparison.compare(given, one.code)
         except InputError as error:
             mark, note = "unreadable", str(error)
         mark = mark or ("right" if right else "wrong")
         found.append(MarkedAnswer(number=number, prompt=one.plain, typed=typed, mark=mark, note=note))
     return tuple(found)
+
+
+def _take_off_note(typed: str, one: Exercise) -> str:
+    """Return what was typed without what the answer shows behind it: a unit, or ": " and a reason."""
+    space = "" if one.number is not None else ":"
+    words = rf"\s*{space}\s*" + r"\s*".join(map(re.escape, one.note.split()))
+    return re.sub(rf"{words}\s*$", "", typed) if one.note else typed
 
 
 # Typed formulas.

@@ -106,11 +106,12 @@ def draw_robot(robot: Robot, pose: Sequence[float] | Mapping[str, float] | None 
     slides = sum(joint.prismatic for joint in robot.joints)
     counts = ((len(robot.joints) - slides, "revolute"), (slides, "prismatic"))
     moves = " and ".join(f"{count} {name}" for count, name in counts if count)
+    moves += " joint" if len(robot.joints) == 1 else " joints"
     place = ", ".join(f"{value:.3g}" for value in pose)
     used = {name for entry in robot.joints for name in _list_symbols(entry.placement)}
     unknown = ", ".join(sorted(used - dict(robot.symbols).keys()))
     caption = (
-        f"Where are the joints of {robot.name}? {moves} joints at q = ({place}); z of each frame, blue, "
+        f"Where are the joints of {robot.name}? {moves} at q = ({place}); z of each frame, blue, "
         f"is the axis of its joint.{' Prismatic joints are orange.' if slides else ''}"
         f"{f' {unknown}: no value, drawn as {_HALF_METRE} m.' if unknown else ''}"
     )

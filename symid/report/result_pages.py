@@ -19,6 +19,7 @@ Not supported: reversal curves of a recording without a swing that grows or shri
 """
 
 import math
+import os
 import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import fields, replace
@@ -157,7 +158,9 @@ def build_check_page(robot: Robot, checked: "LogsCheck") -> pages.Page:
     length = sum(entry.timing.duration for entry in checked.logs)
     numbers.append((f"{length:.4g} s", f"in {len(checked.logs)} log{several}"))
     sources = (entry.recording.source for entry in checked.logs)
-    command = ("symid", "identify", name_for_commands(robot), *sources)
+    # The source of a recording in memory is any text.
+    files = dict.fromkeys(source if os.path.isfile(source) else "LOG" for source in sources)  # noqa: PTH113
+    command = ("symid", "identify", name_for_commands(robot), *files)
     return _build_page(
         robot.name,
         "check of logs" if checked.logs else "check of a robot file",

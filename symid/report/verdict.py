@@ -279,7 +279,8 @@ def judge_identification(estimate: Estimate, validations: Sequence[Validation]) 
         level, headline = _judge_prediction(estimate, held_out)
         caps: Caps = [*_find_lost(estimate.residual, _OWN), *more]
     else:
-        level, headline, caps = _judge_evidence(evidence)
+        # Held-out logs are other motions, where the logs of the fit repeat one.
+        level, headline, caps = _judge_evidence(replace(evidence, period=0.0) if held_out else evidence)
         caps += more
         least = max(evidence.joints, key=lambda entry: entry.held_out, default=None)
         if least is not None:
@@ -335,28 +336,29 @@ def _judge_prediction(estimate: Estimate, validations: Sequence[Validation]) -> 
 
     # The largest ratio over joints of held-out to fitted rms; both count all rows, slow ones too. Within the
     # scoring band it is the rms of the log over that of the stretches that were held out in the fit.
-    ratio, source = -math.inf, ""
+    ratio, joint, source = -math.inf, "", ""
     for entry in same:
         fitted = {one.joint: compute_rms(one) for one in estimate.residual}
         if entry.scoring and estimate.evidence is not None:
             parts = estimate.evidence.joints
             fitted = {one.joint: 0.01 * one.held_out * one.torque for one in parts if one.torque}
-        ratios = [compute_rms(one) / fitted[one.joint] for one in entry.residual if fitted.get(one.joint)]
+        known = (one for one in entry.residual if fitted.get(one.joint))
+        ratios = [(compute_rms(one) / fitted[one.joint], f"of {one.joint} ") for one in known]
         whole = estimate.mean_relative_percent
-        ratios = ratios or [entry.mean_relative_percent / whole if whole else 1.0]
-        ratio, source = max((ratio, source), (max(ratios), entry.source))
+        ratios = ratios or [(entry.mean_relative_percent / whole if whole else 1.0, "")]
+        ratio, joint, source = max((ratio, joint, source), (*max(ratios), entry.source))
     percent = max(validation.mean_relative_percent for validation in same)
     left = f"residual {percent:.3g} % of the {QUANTITIES[estimate.rows]}{_name_band(same[0])}"
     if ratio**2 <= POLICY.fall_of_all:
         return "good", f"The model predicts held-out motions as well as those of the fit: {left}."
-    larger = f"{left}, {ratio:.2g} times that of the fit ({source})"
+    larger = f"{left}, that {joint}is {ratio:.2g} times that of the fit ({source})"
     if ratio <= POLICY.fall and percent <= POLICY.good:
         return "good", f"The model predicts held-out motions nearly as well as those of the fit: {larger}."
     if ratio <= POLICY.fall or percent <= POLICY.good:
         return "usable", f"The model predicts held-out motions less well than those of the fit: {larger}."
     return "doubtful", (
-        f"The model does not predict held-out motions: on {source} the residual is {ratio:.2g} times that of "
-        f"the fit ({left}). A term is missing in the model."
+        f"The model does not predict held-out motions: on {source} the residual {joint}is {ratio:.2g} times "
+        f"that of the fit ({left}). A term may be missing in the model, or the robot has changed."
     )
 
 

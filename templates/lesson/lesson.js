@@ -659,8 +659,11 @@ widget("exercises", (node) => LESSON_EXERCISES.forEach((one, place) => {
   } else {
     const input = make("input", { type: "text", "aria-label": `Answer ${place + 1}`, autocomplete: "off", spellcheck: "false" });
     box.append(input, " ");
+    // What the answer shows behind it may be typed too: a unit, or ": " and a reason.
+    const words = one.note && one.note.trim().split(/\s+/).map((x) => x.replace(/[^\w\s]/g, "\\$&")).join("\\s*");
+    const bare = () => words ? input.value.replace(new RegExp(`\\s*${one.number === undefined ? ":" : ""}\\s*${words}\\s*$`), "") : input.value;
     const check = () => {
-      try { say(one.number === undefined ? compareFormula(input.value, one.formula, LESSON_FORMULAS, drawPoint, D.reading, tr) : Math.abs(evaluateNumber(readFormula(input.value, D.reading, tr), D.values, tr) - one.number) <= 0.01 * Math.max(0.01, Math.abs(one.number))); } catch (error) { say(false, error.message); }
+      try { say(one.number === undefined ? compareFormula(bare(), one.formula, LESSON_FORMULAS, drawPoint, D.reading, tr) : Math.abs(evaluateNumber(readFormula(bare(), D.reading, tr), D.values, tr) - one.number) <= 0.01 * Math.max(0.01, Math.abs(one.number))); } catch (error) { say(false, error.message); }
     };
     button.addEventListener("click", check);
     input.addEventListener("keydown", (event) => { if (event.key === "Enter") check(); });

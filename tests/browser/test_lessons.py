@@ -180,7 +180,14 @@ def test_exercises_are_marked(browser, tmp_path):
     assert marked
     place = browser.run("LESSON_EXERCISES.findIndex((one) => one.number !== undefined)")
     number = browser.run(f"LESSON_EXERCISES[{place}].number")
-    assert browser.run(answer % (place + 1, f"{number:.4g}")) == "right"
+    note = browser.run(f"LESSON_EXERCISES[{place}].note")
+    for typed in (f"{number:.4g}", f"{number:.4g} {note}", f"{number:.4g}{note.replace(' ', '')}"):
+        assert browser.run(answer % (place + 1, typed)) == "right"
+    groups = browser.run(
+        "LESSON_EXERCISES.map((one) => one.formula && one.note && `${one.answer}: ${one.note}`)"
+    )
+    (first, typed), *_ = [(k, text) for k, text in enumerate(groups, start=1) if text]
+    assert browser.run(answer % (first, typed)) == "right"
     assert browser.run(answer % (place + 1, f"{number * 1.05:.4g}")) == "not yet"
     # On paper everything that folds is open but the answers, which are not there.
     browser.run("window.dispatchEvent(new Event('beforeprint'))")
