@@ -335,13 +335,13 @@ def describe_rank(diagnosis: Diagnosis) -> str:
 
 
 def describe_essential(diagnosis: Diagnosis) -> str:
-    """Return how many parameters are significant, and what leaving out the others costs."""
+    """Return how many parameters are essential, and what leaving out the others costs."""
     kept, dropped = len(diagnosis.essential.kept), len(diagnosis.essential.dropped)
     if not dropped:
-        return f"All {kept} parameters are significant (> {SIGNIFICANT:g} sigma); none can be dropped."
+        return f"All {kept} parameters are essential: none can be dropped."
     return (
-        f"{kept} of {kept + dropped} parameters are significant (> {SIGNIFICANT:g} sigma). Without the "
-        f"others the residual grows by {diagnosis.essential.price_percent:.2g} %."
+        f"{kept} of {kept + dropped} parameters are essential: with these alone, all of them above "
+        f"{SIGNIFICANT:g} std, the residual grows by {diagnosis.essential.price_percent:.2g} %."
     )
 
 

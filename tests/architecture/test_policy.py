@@ -8,12 +8,13 @@ import pytest
 from symid.identification.judge import POLICY
 from tests.architecture.source import PACKAGE
 
-MOST = 157
+MOST = 159
 """Numbers of the rooms of identification and of the verdict: every change lowers them, or says why not.
 
 The search of gravity and zeros has five: states and steps of its differences, a grid, a largest step, and how
 far gravity differs on Earth. The
-test of laws that are much alike has its number of exchanges.
+test of laws that are much alike has its number of exchanges. What bodies differ from drawings by, and the
+least deviation of a spring's torque, replace accusations and promises that were wrong.
 """
 POLICY_FILE = PACKAGE / "identification" / "judge" / "policy.py"
 

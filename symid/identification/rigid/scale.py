@@ -79,8 +79,8 @@ def _build_doubts(robot: Robot, states: Sequence[FloatArray]) -> _Doubts:
     )
 
 
-_POWERS = np.repeat([2, 1, 0], [6, 3, 1])
-"""Of a length in the ten parameters of a body: inertia, first moments, mass."""
+_POWERS = np.array([len(name) - name.startswith("M") for name in INERTIAL])
+"""Of a length in the ten parameters of a body: XX, MX, M."""
 
 
 def compare_scales(  # noqa: PLR0917 - a fit, its states and its robot
