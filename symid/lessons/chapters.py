@@ -418,12 +418,12 @@ def write_kinematics(writer: ChapterWriter) -> Iterator[Chapter]:
     yield Chapter("Velocities", "velocities", items)
     items = (
         say(
-            "The column of joint $j$ is the velocity of the last link per unit of its rate. With the axis "
-            "$z_j$ and the origin $p_j$ in the base frame, it is for a revolute joint, and for a prismatic "
-            "one,"
+            "The column of joint $j$ is the velocity of the last link, at the origin $p_e$ of the last frame "
+            "of the table, per unit of its rate. With the axis $z_j$ and a point $p_j$ on it, in the base "
+            "frame, it is for a revolute joint, and for a prismatic one,"
         ),
         show(
-            r"J_j = \begin{bmatrix} z_j \times (p_n - p_j) \\ z_j \end{bmatrix}, \qquad "
+            r"J_j = \begin{bmatrix} z_j \times (p_e - p_j) \\ z_j \end{bmatrix}, \qquad "
             r"J_j = \begin{bmatrix} z_j \\ 0 \end{bmatrix}."
         ),
     )
