@@ -21,13 +21,13 @@ import numpy as np
 
 from symid import identification, logs as log_files, report, robot as robots
 from symid.api.dynamics import RobotDynamics
-from symid.api.log import LogLike, Logs, Part, Parts, Settings, list_logs, list_pairs, take_one_log
+from symid.api.log import Log, LogLike, Logs, Part, Parts, Settings, list_logs, list_pairs, take_one_log
 from symid.api.result import DrawnResult, JudgedResult, SavedResult
 from symid.api.robot_files import ExportedFile, export_fit
 from symid.api.validation import Comparison, DeviationUnit, FitDiagnosis, FitPage, LogValidation, compare_fit
 from symid.arrays import FloatArray, freeze
 from symid.errors import Notice, RobotError, UsageError
-from symid.identification import elastic, estimators, friction
+from symid.identification import elastic, estimators, friction, rigid
 from symid.options import ExportOptions, Precision
 from symid.serialization import describe_record
 
@@ -193,6 +193,19 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             text = f"--band needs an estimate of base parameters, and this one is of {self._of}; leave it out"
             raise UsageError(Notice(code="usage.no-band", text=text, file=self._name_file()))
         return self._try(log, test, gate, settings, band=band)
+
+    def read_logs(self, path: str | PathLike[str]) -> tuple[Log, ...]:
+        """Return the logs of a file as the fit reads them: one, or several where time starts again.
+
+        Args:
+            path: a log, or a file with `[[run]]` tables, as `symid.read_logs` takes it.
+
+        Raises:
+            LogError: a log does not fit the robot; the message lists all mistakes.
+        """
+        described = rigid.restore_robot(self.robot.description, self.estimate)
+        found = log_files.read_recordings((Path(path),), described)
+        return tuple(Log(recording=recording, robot=described) for recording in found)
 
     def _try(
         self,

@@ -360,7 +360,12 @@ def add_page(answer: Answer, result: Given, page: Path | None, **options: object
 
 def try_log(fit: Given, log: Path, **options: Given) -> list[Given]:
     """Return what a fit predicts of each log in a file, several where time starts again, with `options`."""
-    return [fit.validate(entry, **options) for entry in symid.read_logs(log, fit.robot)]
+    try:
+        return [fit.validate(log, **options)]
+    except UsageError as error:
+        if error.notices[0].code != "usage.one-log":
+            raise
+    return [fit.validate(entry, **options) for entry in fit.read_logs(log)]
 
 
 def add_trials(answer: Answer, found: Sequence[Given]) -> Answer:

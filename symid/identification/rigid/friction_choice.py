@@ -122,8 +122,11 @@ def _find_braking(law: FrictionLaw) -> list[int]:
     return [place for place, entry in enumerate(law.linear) if is_braking(entry.name)]
 
 
-def _try_laws(table: JointTable, schur: FloatArray, left: FloatArray) -> list[Trial]:
-    """Return a trial of every law of a table; S and Q are sums over the other joints, in its weight."""
+def _try_laws(table: JointTable, schur: FloatArray, left: FloatArray, *, braking: bool) -> list[Trial]:
+    """Return a trial of every law of a table; S and Q are sums over the other joints, in its weight.
+
+    `braking`: nodes at which friction drives the joint are taken only where there are no others.
+    """
     p, size = table.shared, table.grams.shape[1]
     sets = _list_training(table, range(size))
     outer = sets[:, :p, :].copy()
@@ -144,8 +147,8 @@ def _try_laws(table: JointTable, schur: FloatArray, left: FloatArray) -> list[Tr
         linear = _solve(matrix, right[..., None])[..., 0]
         losses = inner[:, -1, -1][:, None] - np.sum(right * linear, axis=2)
         # Friction that drives its joint imitates something else, where shape values without it are at hand.
-        brakes = ~np.any(linear[:, :, _find_braking(nodes[0].law)] < 0.0, axis=2)
-        kept = brakes | ~brakes.any(axis=1)[:, None]
+        drives = np.any(linear[:, :, _find_braking(nodes[0].law)] < 0.0, axis=2)
+        kept = ~drives | np.all(drives, axis=1, keepdims=True) | (not braking)
         best = np.argmin(np.where(kept, losses, np.inf), axis=1)
         # [-x -c 1] of each training set.
         factors = np.zeros((len(sets), size))
@@ -256,7 +259,7 @@ def _weigh(reduced: Sequence[_Reduced], weights: FloatArray) -> FloatArray:
     return 1.0 / np.maximum([u @ one.schur[-1] @ u / one.rows for one in reduced], numerics.TINY)
 
 
-def _settle_laws(tables: Sequence[JointTable], start: Sequence[Node]) -> Search:
+def _settle_laws(tables: Sequence[JointTable], start: Sequence[Node], *, braking: bool) -> Search:
     """Return the laws after the joints took turns until none changed."""
     nodes, count, reduced = list(start), len(tables), list(map(_reduce, tables, start))
     weights = np.ones(count)
@@ -269,7 +272,7 @@ def _settle_laws(tables: Sequence[JointTable], start: Sequence[Node]) -> Search:
         for joint, table in enumerate(tables):
             shares = np.where(np.arange(count) == joint, 0.0, weights / weights[joint])
             schur, left, _ = (np.tensordot(shares, parts, 1) for parts in zip(*reduced, strict=True))
-            trials[joint] = _try_laws(table, schur, left)
+            trials[joint] = _try_laws(table, schur, left, braking=braking)
             choices[joint] = choose_trial(trials[joint])
             nodes[joint] = trials[joint][choices[joint].taken].node
             reduced[joint] = _reduce(table, nodes[joint])
@@ -283,6 +286,8 @@ def search_laws(
     tabulate: Callable[[Sequence[Wanted], FloatArray | None], Sequence[JointTable]],
     wanted: Sequence[Wanted],
     speeds: Sequence[FloatArray],
+    *,
+    braking: bool = True,
 ) -> Search:
     """Return the laws of all joints once laws and shape values stay.
 
@@ -290,6 +295,8 @@ def search_laws(
         tabulate: returns tables of laws, with loads of the shared parameters (p,) found last, None at first.
         wanted: of each joint, laws at their first nodes.
         speeds: (N,) of each joint, rad/s or m/s; none of one whose shape values stay.
+        braking: whether shape values with which friction drives its joint give way to others. Samples of one
+            joint, without the error of a rigid model, are followed wherever they lead.
     """
     laws, shared = [PLAIN] * len(wanted), None
     for step in range(numerics.ROUNDS):
@@ -299,7 +306,7 @@ def search_laws(
             next((node for node in table.nodes if node.law.name == law), table.nodes[0])
             for table, law in zip(tables, laws, strict=True)
         ]
-        found = _settle_laws(tables, begun)
+        found = _settle_laws(tables, begun, braking=braking)
         shared = found.shared
         before, laws = laws, [node.law.name for node in found.nodes]
         if step and laws == before and all(map(_stays, found.taken, speeds)):

@@ -19,7 +19,7 @@ from symid.identification.hysteresis.spring_fit import (
     fit_spring,
     follow_spring,
     refine_spring,
-    thin_samples,
+    thin_to,
 )
 from symid.identification.judge import POLICY
 from symid.joint_models import Elasticity, Stop, run_element
@@ -67,7 +67,7 @@ def target(data):
 def test_stops_and_knees_at_their_places_are_found(data, phi, target):
     # Weights and their record give the same torque.
     torque = compute_hysteresis_torque(build_elasticity(TRUE), phi)
-    assert np.allclose(filter_parts(data, [thin_samples(torque, KEEP)]), target, atol=1e-12)
+    assert np.allclose(filter_parts(data, [torque[thin_to(KEEP)]]), target, atol=1e-12)
     plain = replace(TRUE, thresholds=data.thresholds, knees=np.zeros(0), slopes=np.zeros(0))
     assert np.allclose(data.fit_stops(data.compute_torque(plain)).stiffness, TRUE.stiffness, rtol=1e-9)
     start = replace(data.fit_stops(target), knees=TRUE.knees, slopes=np.ones(3))
