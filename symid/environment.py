@@ -242,6 +242,9 @@ def secure_linear_algebra() -> None:
     with contextlib.suppress(AttributeError):
         ctypes.CDLL(None).mallopt(_MOST_ARENAS, 1)
     import numpy as np
+
+    # SciPy's copy of OpenBLAS takes some when it is loaded, and tries for ever too.
+    require_memory(_ALGEBRA_MEMORY)
     from scipy import linalg
 
     require_memory(_ALGEBRA_MEMORY)

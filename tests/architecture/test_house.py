@@ -8,7 +8,7 @@ from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
     "files of symid/": 228,
-    "lines": 84_445,
+    "lines": 84_448,
     "imports inside functions": 78,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
     "lines of tests": 61_033,  # Faults of samples, and plants of the judge, are tested on their own.
