@@ -325,19 +325,19 @@ def search_mounting(
     starts, plan = plain.list_starts(library, plan, where), replace(plan, study=None)
     ends = (plain.settle(start, plan, size=False, choose=False) for start in starts)
     where = min(ends, key=lambda end: end.left).where
-    found, told = problem.settle(where, plan, size=False, choose=True), ""
+    found, size_found = problem.settle(where, plan, size=False, choose=True), ""
     if robot.free_gravity and found.seen.size:
         free = problem.finish(problem.fit_at(found.where, plan, size=True, choose=True))
         size, deviation = _measure_size(*free.measure()[:2])
-        told = f"{size:.5g} +- {deviation:.2g}"
+        size_found = f"{size:.5g} +- {deviation:.2g}"
         if abs(size - np.linalg.norm(before)) > POLICY.printed * deviation:
             # What is held out is that of the first plan, which began elsewhere: it is chosen once more.
-            where, told = problem.settle(free.where, free.plan, size=True, choose=False).where, ""
+            where, size_found = problem.settle(free.where, free.plan, size=True, choose=False).where, ""
             found = problem.settle(where, plan, size=True, choose=True)
     found = problem.finish(found)
     if (upright := _stand_upright(found)) is not None:
-        found = problem.finish(problem.fit_at(upright, found.plan, size=not told, choose=True))
-    return _record(problem, found, before, told), found.library
+        found = problem.finish(problem.fit_at(upright, found.plan, size=not size_found, choose=True))
+    return _record(problem, found, before, size_found), found.library
 
 
 def _stand_upright(found: _MountedFit) -> FloatArray | None:
