@@ -28,6 +28,8 @@ QUICK := tests/architecture $(addprefix tests/unit/,kernel robot logs dynamics e
 FUZZ_SECONDS ?= 600
 # A worker a core: threads of the linear algebra would only wait for each other, and change last digits.
 PYTEST := OMP_NUM_THREADS=1 $(BIN)/python -m pytest
+# Tests of a file share what they make; tests/conftest.py puts files that take long first.
+SPREAD := --numprocesses $(WORKERS) --dist loadfile --no-loadscope-reorder
 # Program and the Debian package that has it.
 EMBEDDED := gcc:gcc clang:clang cppcheck:cppcheck arm-none-eabi-gcc:gcc-arm-none-eabi qemu-system-arm:qemu-system-arm
 
@@ -79,17 +81,17 @@ lint: $(VENV)/dev
 
 # The tests come last, so that pytest's closing line is the last one.
 check: lint
-	$(PYTEST) --numprocesses $(WORKERS) --dist loadfile -m "not slow and not long" $(QUICK)
+	$(PYTEST) $(SPREAD) -m "not slow and not long" $(QUICK)
 
 test: lint
-	$(PYTEST) --numprocesses $(WORKERS) --dist loadfile -m "not slow and not long"
+	$(PYTEST) $(SPREAD) -m "not slow and not long"
 
 test-all: lint
-	$(PYTEST) --numprocesses $(WORKERS) --dist loadfile $(REST)
+	$(PYTEST) $(SPREAD) $(REST)
 
-# Every URDF of a package of seventy, with a table; small drifts in twenty plants of 500 robots, with a line.
+# Every URDF of a package of seventy.
 test-slow: $(VENV)/dev
-	$(PYTEST) -m slow --capture=no --quiet tests/oracle/test_urdf_robots.py tests/unit/fleet/test_view.py
+	$(PYTEST) -m slow --quiet tests/oracle/test_urdf_robots.py
 
 # What test-embedded still wants of Debian, a package a line; nothing if all is there.
 embedded-packages:
@@ -128,7 +130,7 @@ test-browser: $(VENV)/dev
 		exit 1; \
 	fi
 	@$(MAKE) --silent --no-print-directory $(VENV)/axe
-	$(PYTEST) -m browser --numprocesses $(WORKERS) --dist loadfile tests/browser
+	$(PYTEST) -m browser $(SPREAD) tests/browser
 
 # What test-tex still wants of Debian; nothing if it is there. 100 MB, so that .ci/run leaves it out.
 tex-packages:
