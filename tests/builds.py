@@ -2,6 +2,7 @@
 
 import shutil
 import subprocess
+from functools import cache
 
 import pytest
 
@@ -33,13 +34,17 @@ def list_failed(done):
     return [line.split()[0] for line in done.stdout.splitlines() if line.endswith("FAILED")]
 
 
+@cache
 def build_shipped(name, *names, **options):
     """Return functions of a shipped robot: those of the names, or all."""
     return build_functions(load_robot(name), names=names or None, **options)
 
 
+generate = cache(generate_c_library)
+
+
 def write_c(functions, folder, **options):
-    write_sources(generate_c_library(functions, GenerateOptions(**options)), folder)
+    write_sources(generate(functions, GenerateOptions(**options)), folder)
     return folder
 
 

@@ -9,6 +9,8 @@ import os
 import shlex
 import shutil
 import tempfile
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -18,7 +20,7 @@ PROJECT = Path(__file__).resolve().parent.parent
 
 # A file a line, or the beginning of a test's name, and its seconds: `make test` leaves these out.
 _TABLE = (PROJECT / "tests" / "long.txt").read_text(encoding="utf-8")
-LONG = [line.split()[0] for line in _TABLE.splitlines()]
+LONG = {name: int(seconds) for name, seconds in map(str.split, _TABLE.splitlines())}
 
 # The same examples in every run: a failure here is a failure everywhere.
 settings.register_profile("symid", derandomize=True, deadline=None, print_blob=True)
@@ -81,11 +83,13 @@ def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool 
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Mark the tests that take long."""
-    files, tests = {name for name in LONG if "::" not in name}, tuple(name for name in LONG if "::" in name)
+    """Mark the tests that take long, and begin with their files: none is left for one worker at the end."""
+    sizes = Counter(item.nodeid.split("::")[0] for item in items)
+    seconds = {file: sum(n for name, n in LONG.items() if name.split("::")[0] == file) for file in sizes}
     for item in items:
-        if item.nodeid.split("::")[0] in files or item.nodeid.startswith(tests):
+        if item.nodeid.startswith(tuple(LONG)):
             item.add_marker(pytest.mark.long)
+    items.sort(key=lambda item: [-table[item.nodeid.split("::")[0]] for table in (seconds, sizes)])
 
 
 def pytest_collection_finish() -> None:
@@ -93,6 +97,15 @@ def pytest_collection_finish() -> None:
     gc.collect()
     gc.freeze()
     gc.set_threshold(100_000, 50, 100)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def shared_fits() -> Iterator[None]:
+    """Let all tests share the fits by which causes are found."""
+    from tests.sharing import ALWAYS, share_work
+
+    with share_work(ALWAYS):
+        yield
 
 
 @pytest.fixture(scope="session")

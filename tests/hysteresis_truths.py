@@ -6,7 +6,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 
-def make_input(seed, amplitude=1.0, count=4000):
+def make_input(seed, amplitude=1.0, count=2400):
     """Return time (s) and a sweep whose amplitude goes up and down, at uneven times."""
     rng = np.random.default_rng(seed)
     t = np.cumsum(rng.uniform(0.5, 1.5, count)) * 6e-3

@@ -1,4 +1,4 @@
-"""Work that several tests repeat with equal inputs is done once a process: filters and rows of equations.
+"""Work that several tests repeat with equal inputs is done once a process: filters, rows, fits of logs.
 
 `share_work` puts memories in front of functions that compute nothing but their result. Keys are the inputs
 themselves, arrays by a hash of their bytes. Arrays are given out as copies; all other results are frozen.
@@ -6,7 +6,7 @@ themselves, arrays by a hash of their bytes. Arrays are given out as copies; all
 
 import sys
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Iterator
+from collections.abc import Callable, Hashable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
 from functools import wraps
@@ -22,6 +22,8 @@ SHARED = (
     ("symid.identification.regression.equations", "build_rows"),
     ("symid.identification.diagnostics.residual_structure", "_tabulate"),
 )
+ALWAYS = (("symid.identification.diagnostics.causes", "fit_motion"),)
+"""In all tests: every fit of a log tries the same mistakes, whatever estimates its parameters."""
 LARGEST = 200_000_000
 """Bytes of arrays that are remembered."""
 
@@ -49,32 +51,28 @@ def build_key(value: Any) -> Hashable:
 
 
 class Memory:
-    """Results by function and inputs, up to a number of bytes: those not wanted for longest go first."""
+    """Results by function and inputs, up to a number of bytes: the oldest go first."""
 
     def __init__(self) -> None:
         self.results: OrderedDict[Hashable, object] = OrderedDict()
         self.size = 0
-        self.active = 0
 
     def remember(self, function: Callable[..., Any]) -> Callable[..., Any]:
-        """Return the function with this memory in front of it, while it is active."""
+        """Return the function with this memory in front of it."""
 
         @wraps(function)
         def call(*arguments: Any, **options: Any) -> Any:
-            if not self.active:
-                return function(*arguments, **options)
             try:
                 key = (function, build_key(arguments), build_key(tuple(sorted(options.items()))))
             except NotSharedError:
                 return function(*arguments, **options)
-            if key not in self.results:
+            # Threads may call at once.
+            found = self.results.get(key)
+            if found is None:
                 self.results[key] = found = function(*arguments, **options)
                 self.size += measure(found)
-                while self.size > LARGEST:
+                while self.size > LARGEST and self.results:
                     self.size -= measure(self.results.popitem(last=False)[1])
-            else:
-                self.results.move_to_end(key)
-                found = self.results[key]
             return found.copy() if isinstance(found, np.ndarray) else found
 
         return call
@@ -84,8 +82,9 @@ def measure(result: object) -> int:
     """Return the bytes of arrays in a result."""
     if isinstance(result, np.ndarray):
         return result.nbytes
-    names = [field.name for field in fields(result)] if is_dataclass(result) else []
-    return sum(getattr(getattr(result, name), "nbytes", 0) for name in names)
+    if is_dataclass(result):
+        result = tuple(getattr(result, field.name) for field in fields(result))
+    return sum(map(measure, result)) if isinstance(result, tuple) else 0
 
 
 def replace_everywhere(old: object, new: object, name: str) -> None:
@@ -100,18 +99,18 @@ FUNCTIONS: dict[tuple[str, str], tuple[Callable[..., Any], Callable[..., Any]]] 
 
 
 @contextmanager
-def share_work() -> Iterator[None]:
-    """Let the functions of `SHARED` remember their results; what was found before is there again."""
-    for place, name in SHARED:
+def share_work(shared: Sequence[tuple[str, str]] = SHARED) -> Iterator[None]:
+    """Let functions remember their results; what was found before is there again."""
+    pairs = []
+    for place, name in shared:
         if (place, name) not in FUNCTIONS:
             function = getattr(import_module(place), name)
             FUNCTIONS[place, name] = function, MEMORY.remember(function)
-    for (_, name), (function, memory) in FUNCTIONS.items():
+        pairs.append((name, *FUNCTIONS[place, name]))
+    for name, function, memory in pairs:
         replace_everywhere(function, memory, name)
-    MEMORY.active += 1
     try:
         yield
     finally:
-        MEMORY.active -= 1
-        for (_, name), (function, memory) in FUNCTIONS.items():
+        for name, function, memory in pairs:
             replace_everywhere(memory, function, name)

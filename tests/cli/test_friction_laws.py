@@ -2,7 +2,6 @@
 
 import json
 
-import numpy as np
 import pytest
 
 from symid.joint_models.friction_catalogue import FRICTION_LAWS, get_law
@@ -59,49 +58,26 @@ FURTHER = {
     "position-dependent-1x40": ("A1 = 5\nB1 = -3", {"Fv1": 203.0, "Fc1": 20.0, "A1_1": 5.0, "B1_1": -3.0}),
     "position-torque-1x40": ("A1 = 5\nB1 = -3", {"Fv1": 203.0, "Fc1": 20.0, "A1_1": 5.0, "B1_1": -3.0}),
 }
-# Simulated logs do not have the load of the gears.
-UNLOADED = [model for model in FURTHER if "load" not in get_law(model).inputs]
 
 
 @pytest.mark.parametrize("model", FURTHER)
-@pytest.mark.parametrize("target", ["c", "python"])
-def test_a_robot_with_any_law_is_generated(tmp_path, model, target):
-    write_slide(tmp_path / "slide.toml", model)
-    call = ("generate", tmp_path / "slide.toml", "--target", target, "-o", tmp_path / "code")
-    answer = do(*call)
-    assert answer["result"]["selftest"] == "passed" or answer["warnings"]
-
-
-@pytest.mark.parametrize("model", FURTHER)
-def test_any_law_is_simulated_and_identified(tmp_path, model):
+def test_a_robot_with_any_law_is_generated_moved_simulated_and_identified(tmp_path, model):
     robot, log = tmp_path / "slide.toml", tmp_path / "log.npz"
     write_slide(robot, model)
+    for target in ("c", "python"):
+        answer = do("generate", robot, "--target", target, "-o", tmp_path / target)
+        assert answer["result"]["selftest"] == "passed" or answer["warnings"]
+    options = ("--harmonics", "2", "--candidates", "1", "--starts", "1", "--period", "2")
+    do("excite", robot, "-o", tmp_path / "motion.csv", *options)
     do("simulate", robot, "-o", log, "--seed", "1", "--duration", "12")
     answer = do("identify", robot, log, "-o", tmp_path / "estimate.json")
     found = {entry["name"]: entry["value"] for entry in answer["result"]["parameters"]}
     for name, value in FURTHER[model][1].items():
         assert found[name] == pytest.approx(value, rel=0.1)
-
-
-def write_slide(path, model):
-    text = CURVED.replace('"stribeck"', f'"{model}"')
-    path.write_text(text.replace("Fe = 8\nvs = 0.05", FURTHER[model][0]))
-
-
-@pytest.mark.parametrize("model", FURTHER)
-def test_motions_are_designed_for_any_law(tmp_path, model):
-    write_slide(tmp_path / "slide.toml", model)
-    options = ("--harmonics", "2", "--candidates", "1", "--starts", "1", "--period", "2")
-    call = ("excite", tmp_path / "slide.toml", "-o", tmp_path / "motion.csv", *options)
-    do(*call)
-
-
-@pytest.mark.parametrize("model", UNLOADED)
-def test_a_law_is_fitted_to_logs_of_a_robot_with_any_law(tmp_path, model):
-    """The friction that the robot file states is not taken for what is to be found."""
-    robot, log = tmp_path / "slide.toml", tmp_path / "log.npz"
-    write_slide(robot, model)
-    do("simulate", robot, "-o", log, "--seed", "1", "--duration", "12")
+    # Simulated logs do not have the load of the gears.
+    if "load" in get_law(model).inputs:
+        return
+    # The friction that the robot file states is not taken for what is to be found.
     call = ("identify", robot, log, "--rows", "friction", "--model", "coulomb-viscous")
     answer = do(*call, "-o", tmp_path / "friction.json")
     found = {entry["name"]: entry["value"] for entry in answer["result"]["joints"][0]["parameters"]}
@@ -109,17 +85,9 @@ def test_a_law_is_fitted_to_logs_of_a_robot_with_any_law(tmp_path, model):
     assert found["fV"] == pytest.approx(203.0, rel=0.2)
 
 
-def test_a_temperature_must_be_in_the_log(tmp_path):
-    """The load of a gear follows from the dynamics that are found, a temperature from nothing."""
-    robot, log = tmp_path / "slide.toml", tmp_path / "log.npz"
-    table = "Fvt = -1\nFct = -0.1"
-    robot.write_text(CURVED.replace('"stribeck"', '"temperature"').replace("Fe = 8\nvs = 0.05", table))
-    do("simulate", robot, "-o", log, "--seed", "1", "--duration", "12")
-    with np.load(log) as data:
-        recorded = {name: data[name] for name in data.files if name != "temperature"}
-    np.savez(log, **recorded)
-    text = hear(2, "friction.input", "identify", robot, log, "-o", tmp_path / "estimate.json")
-    assert "depends on the temperature of the joints" in text
+def write_slide(path, model):
+    text = CURVED.replace('"stribeck"', f'"{model}"')
+    path.write_text(text.replace("Fe = 8\nvs = 0.05", FURTHER[model][0]))
 
 
 def test_laws_of_single_joints_are_given_by_name(tmp_path):

@@ -231,27 +231,3 @@ def test_a_pose_without_rows_is_left_out(tmp_path):
 def test_elastic_robots_are_told_what_counts_as_friction(arm_logs):
     arguments = ("identify", "two_link_elastic", arm_logs[1], *LAW, "--model", "coulomb-viscous-offset")
     assert "friction.elastic" in find_codes(do(*arguments))
-
-
-def test_emps_takes_the_law_that_leaves_least(shared_data, tmp_path):
-    log = shared_data / "emps" / "DATA_EMPS.mat"
-    arguments = ("identify", "emps", log, *EMPS_LAW)
-    for model, percent in (
-        ("coulomb-viscous-offset", 4.0834),
-        ("stribeck+offset", 3.9468),
-        ("asymmetric", 3.1117),
-        ("asymmetric-stribeck", 2.9325),
-    ):
-        answer = do(*arguments, "--model", model)
-        (joint,) = answer["result"]["joints"]
-        assert joint["residual"]["relative_percent"] == pytest.approx(percent, abs=5.1e-5)
-    assert {entry["name"]: round(entry["value"], 4) for entry in joint["parameters"]}["vs"] == 0.0288
-
-
-@pytest.mark.slow
-def test_emps_chooses_the_richest_law_on_blocks_held_back(shared_data):
-    log = shared_data / "emps" / "DATA_EMPS.mat"
-    answer = do("identify", "emps", log, *EMPS_LAW)
-    (joint,) = answer["result"]["joints"]
-    assert joint["law"] == "asymmetric-stribeck"
-    assert joint["selection"]["trials"][0]["squared_error_ratio"] < 0.52

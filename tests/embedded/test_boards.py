@@ -37,7 +37,7 @@ def find_reference(sources, tmp_path_factory):
             place = tmp_path_factory.mktemp("reference")
             (place / "main.c").write_text(write_runner(folder.prefix, card, "double", STATES))
             (place / "inputs.bin").write_bytes(join_inputs(draw_all(card), card.functions, "float64"))
-            flags = ("-std=c99", "-O2", f"-I{folder.path}")
+            flags = ("-std=c99", "-O0", f"-I{folder.path}")
             run_command(
                 find_tool("gcc"), *flags, *folder.library, "main.c", "-lm", "-o", "main", folder=place
             )

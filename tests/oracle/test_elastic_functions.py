@@ -2,7 +2,6 @@
 
 import re
 from dataclasses import replace
-from functools import cache
 
 import numpy as np
 import pytest
@@ -244,14 +243,11 @@ def test_the_card_lists_the_parameters_of_the_springs(arm):
         build_spring_vector([springs[0], turned], card)
 
 
-build_once = cache(build_shipped)
-
-
 @pytest.mark.parametrize("precision", ["double", "float"])
 @pytest.mark.parametrize("name", ["two_link_elastic", "two_link_harmonic", "puma560_elastic"])
 def test_the_example_tracks_with_the_hysteresis_it_knows(c_compiler, tmp_path, name, precision):
     """Feed-forward alone knows where the links are: its error is that of the steps, far below the torsion."""
-    functions = build_once(name)
+    functions = build_shipped(name)
     folder = write_c(functions, tmp_path / "c", precision=precision)
     make(folder, f"{c_compiler} -Werror", "check", "control_loop", flags=PLAIN)
     said = run(folder, "./control_loop").stdout

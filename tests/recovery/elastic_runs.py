@@ -1,6 +1,7 @@
 """Short experiments with the elastic arm that recovery tests share."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
@@ -52,15 +53,38 @@ def build(library, recordings, options):
     )
 
 
+_prepared = {}
+
+
+def prepare_once(key, prepare):
+    """Return what identifies by a method; the last logs keep their equations and fits."""
+    if key not in _prepared:
+        _prepared[key] = prepare()
+        while len(_prepared) > 6:
+            del _prepared[next(iter(_prepared))]
+    return _prepared[key]
+
+
 def identify_elastic(library, recordings, options=None, *, method="automatic", echo=None):
     """Return the estimate by a method."""
-    return prepare_methods(library, recordings, options or ElasticOptions(), echo=echo)(method)
+    options = options or ElasticOptions()
+    key = (library, *recordings, repr((options, echo)))
+    return prepare_once(key, lambda: prepare_methods(library, recordings, options, echo=echo))(method)
 
 
 def identify_by(robot, logs, method, *, friction=None, options=None, **given):
     """Return what `robot.identify` gives, by any method of the automatic choice."""
     order = replace(options or symid.IdentifyOptions(), **given)
-    described, recordings = robot._gather(logs, (), friction, None)
-    named = friction is not None
-    identify = prepare_elastic_methods(described, recordings, order, robot.context, named=named)
-    return build_dynamics_fit(identify(method), robot)
+    logs = [logs] if isinstance(logs, symid.Log) else logs
+
+    def prepare():
+        described, recordings = robot._gather(logs, (), friction, None)
+        named = friction is not None
+        return prepare_elastic_methods(described, recordings, order, robot.context, named=named)
+
+    known = order.known.read_text() if isinstance(order.known, Path) else order.known
+    # Known dynamics that are no file show less than what they are.
+    key = (
+        (robot, *logs, friction, repr(order), known) if known is None or isinstance(known, str) else object()
+    )
+    return build_dynamics_fit(prepare_once(key, prepare)(method), robot)

@@ -6,6 +6,8 @@ of links and payload, which a sensor behind each gear feels, follows from the mo
     p1 = c1 e^(i q1),  p2 = l1 e^(i q1) + c2 e^(i (q1 + q2)),  p3 = l1 e^(i q1) + (l2 + i s) e^(i (q1 + q2))
 """
 
+from functools import cache
+
 import numpy as np
 
 from symid.logs.recording import Recording
@@ -122,18 +124,24 @@ def find_plain_friction(dq, _load):
     return np.array([1.5, 0.7]) * dq + np.array([1.8, 0.4]) * np.sign(dq)
 
 
-def record(seed, *, duration=60.0, noise=0.02, gain=1.0, offset=0.0, friction=find_friction):
-    """Return a log with motor torques and measured loads; sensors have a gain, an offset and noise (N m)."""
-    rng = np.random.default_rng(100 + seed)
+@cache
+def _simulate(seed, duration):
+    """Return times (N,), the motion of the joints and the torques (N, 2) of links and payload."""
     fine = np.arange(2 * round(duration * RATE) + 1) / (2 * RATE)
     motion = move(fine, seed)
     spring = _integrate(fine, *motion)
-    q, dq, ddq = (values[::2] for values in motion)
-    load = _find_load(q, dq, ddq, spring)
+    joints = [values[::2] for values in motion]
+    return fine[::2], joints, _find_load(*joints, spring)
+
+
+def record(seed, *, duration=60.0, noise=0.02, gain=1.0, offset=0.0, friction=find_friction):
+    """Return a log with motor torques and measured loads; sensors have a gain, an offset and noise (N m)."""
+    rng = np.random.default_rng(100 + seed)
+    time, (q, dq, ddq), load = _simulate(seed, duration)
     tau = load + ROTORS * ddq + friction(dq, load)
     step = 2 * np.pi / 2**20
     return Recording(
-        time=fine[::2],
+        time=time,
         position=np.round(q / step) * step,
         torque=tau + noise * rng.normal(size=tau.shape),
         load=load / gain + offset + noise * rng.normal(size=tau.shape),

@@ -1,5 +1,7 @@
 """The same log gives the same parameters whatever computes the functions: C, NumPy, or CasADi."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -17,13 +19,19 @@ from tests.recovery.elastic_runs import find_error, find_truth, run_arm
 OTHERS = ("python", "casadi", "machine")
 
 
-def prepare(robot, backend, tmp_path_factory):
-    """Return a library, that of CasADi's virtual machine for "machine"."""
-    if backend == "machine":
-        # Without a compiler, and so with notices: not in the cache of the other tests.
-        cache = tmp_path_factory.mktemp("machine")
-        return prepare_library(robot, backend="casadi", compiler="no-such-compiler", cache=cache)
-    return prepare_library(robot, backend=backend)
+@pytest.fixture(scope="module")
+def prepare(tmp_path_factory):
+    """Return what makes a library, once: that of CasADi's virtual machine for "machine"."""
+
+    @cache
+    def get(robot, backend):
+        if backend == "machine":
+            # Without a compiler, and so with notices: not in the cache of the other tests.
+            folder = tmp_path_factory.mktemp("machine")
+            return prepare_library(robot, backend="casadi", compiler="no-such-compiler", cache=folder)
+        return prepare_library(robot, backend=backend)
+
+    return get
 
 
 def assert_same(found, expected):
@@ -46,9 +54,9 @@ def rigid(robots_folder, c_compiler):
 
 @pytest.mark.parametrize("backend", OTHERS)
 @pytest.mark.parametrize("kind", ["torque", "momentum", "energy"])
-def test_a_rigid_robot_gets_the_same_parameters(rigid, backend, kind, tmp_path_factory):
+def test_a_rigid_robot_gets_the_same_parameters(rigid, backend, kind, prepare):
     robot, library, recording = rigid
-    other = prepare(robot, backend, tmp_path_factory)
+    other = prepare(robot, backend)
     assert (library.backend, other.backend) == ("c", "python" if backend == "python" else "casadi")
     expected, found = (
         identify_parameters(each, [recording], Processing(), rows=kind, estimator="wls")
@@ -58,6 +66,7 @@ def test_a_rigid_robot_gets_the_same_parameters(rigid, backend, kind, tmp_path_f
         assert_same(*([getattr(entry, name) for entry in fit.parameters] for fit in (found, expected)))
 
 
+@cache
 def fit(library, recording, method):
     return fit_method(build_elastic_equations(library, [recording], ElasticOptions()), method)
 
@@ -70,9 +79,9 @@ def elastic(arm, c_compiler):
 
 @pytest.mark.parametrize("backend", OTHERS)
 @pytest.mark.parametrize("method", ["two-step", "nlp"])
-def test_an_elastic_robot_gets_the_same_parameters(elastic, backend, method, tmp_path_factory):
+def test_an_elastic_robot_gets_the_same_parameters(elastic, backend, method, prepare):
     robot, library, recording = elastic
-    other = prepare(robot, backend, tmp_path_factory)
+    other = prepare(robot, backend)
     expected, found = (fit(each, recording, method) for each in (library, other))
     assert find_error(expected.chi, find_truth(library)) < 0.2
     assert_same(found.chi, expected.chi)
@@ -80,10 +89,10 @@ def test_an_elastic_robot_gets_the_same_parameters(elastic, backend, method, tmp
 
 @pytest.mark.parametrize(("backend", "duration"), [("casadi", 0.5), ("machine", 0.02)])
 def test_a_compiled_plant_runs_on_the_c_of_casadi_and_a_slow_one_on_its_machine(
-    elastic, tmp_path_factory, backend, duration
+    elastic, prepare, backend, duration
 ):
     robot, library, _ = elastic
-    other = prepare(robot, backend, tmp_path_factory)
+    other = prepare(robot, backend)
     expected, found = (run_arm(robot, each, duration=duration) for each in (library, other))
     compiled = backend == "casadi"
     assert has_addresses(other) == compiled

@@ -1,6 +1,7 @@
 """Bare elements are recovered from recordings of other integrators, and predict other amplitudes."""
 
 from dataclasses import astuple
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -29,6 +30,7 @@ OWN = {
 WITHIN = {"krasnoselskii-pokrovskii"}
 
 
+@cache
 def fit_own(name):
     t, x = make_input(1)
     return symid.hysteresis.fit(*measure(t, x, TRUTHS[name], 2), t, model=OWN.get(name, name))
@@ -47,10 +49,8 @@ def test_its_own_model_predicts_other_amplitudes(name):
 @pytest.mark.parametrize(("name", "expected"), [("backlash", 0.06), ("relaxation", 0.4)])
 def test_a_further_part_is_found_and_not_without_need(name, expected):
     t, x = make_input(1)
-    fit, plain = (
-        symid.hysteresis.fit(*measure(t, x, truth, 2), t, model="prandtl-ishlinskii")
-        for truth in (FURTHER[name], make_stops)
-    )
+    fit = symid.hysteresis.fit(*measure(t, x, FURTHER[name], 2), t, model="prandtl-ishlinskii")
+    plain = fit_own("prandtl-ishlinskii")
     assert name in fit.record.form
     assert name not in plain.record.form
     found = fit["backlash" if name == "backlash" else "relaxation_time"]
@@ -201,12 +201,12 @@ def test_fit_and_validation_print_the_same_error_of_the_same_recording():
         assert fit.record.fitted < fit.record.held_out < 2.0 * fit.record.fitted
 
 
-UNITS = {"rad": (1.0, 1.0), "mrad": (1e3, 1.0), "degrees, kN m": (180.0 / np.pi, 1e-3), "um, mN": (1e6, 1e3)}
+UNITS = {"rad": (1.0, 1.0), "degrees, kN m": (180.0 / np.pi, 1e-3), "um, mN": (1e6, 1e3)}
 
 
 @pytest.mark.long
 def test_any_unit_gives_the_same_model():
-    rng, t = np.random.default_rng(7), np.arange(4000) / 200.0
+    rng, t = np.random.default_rng(7), np.arange(2000) / 100.0
     x = 0.004 * (np.sin(2.3 * t) + 0.7 * np.sin(3.7 * t + 1.0)) * (0.3 + 0.7 * np.sin(0.15 * t) ** 2)
     bent = solve_path(t, x, lambda z, sign: 1.0 - np.abs(z / 0.001) ** 1.4 * (0.5 + 0.5 * np.sign(z * sign)))
     y = 9e3 * x + 2e8 * x**3 + 4e3 * bent + 60.0 * np.gradient(x, t)

@@ -2,6 +2,7 @@
 
 import re
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -54,6 +55,7 @@ def estimate(arm, run):
     return identify_elastic(arm[1], [run.recording])
 
 
+@cache
 def spoil(run, case):
     """Return the run's log with what hides a joint, or all of it."""
     log, dead, still = run.recording, np.full_like(run.q, 0.1), 1e-6
@@ -161,7 +163,7 @@ def test_the_deviations_of_the_one_shot_problem_are_those_of_repeated_runs(arm, 
     truth = find_truth(arm[1])
     known = np.abs(truth) > 1e-9
     scores = []
-    for seed in range(4):
+    for seed in range(2):
         sensors = build_noisy_options().sensors
         log = observe(run, sensors, np.random.default_rng(seed))
         fit = fit_method(build_elastic_equations(arm[1], (log,), ElasticOptions()), "nlp")

@@ -70,22 +70,24 @@ def robot(load_text):
     return load_text(ROBOT, "pendulum")
 
 
-def identify(robot, **options):
-    log = symid.build_log(robot, **record(0.0, noise=0.01, load=options.pop("load", False)))
-    return identify_by(robot, log, options.pop("method"), **options, options=LINEAR)
+@pytest.fixture(scope="module")
+def logs(robot):
+    """Return a log without and one with the measured load."""
+    return [symid.build_log(robot, **record(0.0, noise=0.01, load=load)) for load in (False, True)]
 
 
 @pytest.mark.parametrize("load", [False, True])
 @pytest.mark.parametrize("method", ["automatic", "weighted", "nlp"])
-def test_friction_of_the_load_is_found_beside_a_spring(robot, method, load):
-    fit = identify(robot, method=method, load=load)
+def test_friction_of_the_load_is_found_beside_a_spring(robot, logs, method, load):
+    fit = identify_by(robot, logs[load], method, options=LINEAR)
     for name, value in TRUTH.items():
         assert fit[name].value == pytest.approx(value, rel=0.02, abs=0.01), name
     assert fit.estimate.springs[0].elasticity.stiffness == pytest.approx(STIFFNESS, rel=0.01)
 
 
-def test_another_log_is_predicted_with_its_own_load(robot, tmp_path):
-    again = symid.load_fit(identify(robot, method="weighted").save(tmp_path / "fit.json"), robot)
+def test_another_log_is_predicted_with_its_own_load(robot, logs, tmp_path):
+    fit = identify_by(robot, logs[False], "weighted", options=LINEAR)
+    again = symid.load_fit(fit.save(tmp_path / "fit.json"), robot)
     for load in (False, True):
         found = again.validate(symid.build_log(robot, **record(0.9, noise=0.01, load=load)))
         (residual,) = found.to_dict()["residual"]
@@ -101,8 +103,8 @@ def test_an_offset_of_the_links_encoder_is_found_in_spite_of_the_load(robot):
         assert fit[name].value == pytest.approx(TRUTH[name], rel=0.02), name
 
 
-def test_the_stiffness_alone_is_that_of_the_spring(robot):
-    (entry,) = robot.identify_stiffness(symid.build_log(robot, **record(0.0, noise=0.01))).estimate.joints
+def test_the_stiffness_alone_is_that_of_the_spring(robot, logs):
+    (entry,) = robot.identify_stiffness(logs[False]).estimate.joints
     assert entry.stiffness == pytest.approx(STIFFNESS, rel=0.05)
 
 

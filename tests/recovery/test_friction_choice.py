@@ -18,19 +18,19 @@ from tests.recovery.flexible_arm import RATE, find_friction, find_plain_friction
 from tests.refusals import raises
 from tests.unit.identification.rigid.two_link_logs import record_sticking
 
-DURATION = 40.0
+DURATION = 20.0
 BETA = TWO_LINK_TRUTH[:6]
 ROBOT = flexible_arm.ROBOT.replace("shoulder", "joint1").replace("elbow", "joint2")
 CUT = Processing(drop_first=50, drop_last=50)
 
 
-def record(friction, seed, noise=0.005, *, payload=0.0, sensed=False):
+def record(friction, seed, noise=0.005, *, payload=0.0, sensed=False, duration=DURATION):
     """Return a log with friction(dq, load) (N, 2), 17 bit encoders and noise of a part of the torque.
 
     `payload` is added to the base parameters; loads are measured too where they are `sensed`.
     """
     rng = np.random.default_rng(1000 + seed)
-    time = np.arange(round(DURATION * RATE)) / RATE
+    time = np.arange(round(duration * RATE)) / RATE
     q, dq, ddq = move(time, seed)
     load = find_two_link_torque(q, dq, ddq)[0] @ (BETA + payload)
     tau = load + friction(dq, load)
@@ -286,7 +286,7 @@ def folder(tmp_path_factory):
     (root / "laws.toml").write_text(ROBOT[: ROBOT.index('[[joint]]\nname = "joint2"')] + LAWS)
     robot = symid.load(root / "plain.toml")
     for name, payload, seed in (("empty", 0.0, 0), ("with", ADDED, 1), ("sensed", ADDED, 1)):
-        log = record(find_friction, seed, payload=payload, sensed=name == "sensed")
+        log = record(find_friction, seed, payload=payload, sensed=name == "sensed", duration=40.0)
         Log(recording=log, robot=robot.description).save(root / f"{name}.npz")
     (root / "alone.toml").write_text(RUN.format(file="with.npz") + PAYLOAD)
     (root / "sensed.toml").write_text(RUN.format(file="sensed.npz") + PAYLOAD)

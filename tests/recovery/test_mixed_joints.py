@@ -18,8 +18,13 @@ def motion():
 
 
 @pytest.fixture(scope="module")
-def fit(mixed, motion):
-    return mixed.identify(build(mixed, motion))
+def log(mixed, motion):
+    return build(mixed, motion)
+
+
+@pytest.fixture(scope="module")
+def fit(mixed, log):
+    return mixed.identify(log)
 
 
 def test_the_plant_keeps_its_energy_balance_when_its_step_is_halved(motion):
@@ -49,18 +54,18 @@ def test_dynamics_and_the_one_spring_are_found(fit, mixed, motion):
 
 
 @pytest.mark.parametrize("method", ["linear-spring", "two-step", "elimination", "weighted", "nlp"])
-def test_every_method_takes_rigid_joints(mixed, motion, method):
-    found = identify_by(mixed, build(mixed, motion), method)
+def test_every_method_takes_rigid_joints(mixed, log, method):
+    found = identify_by(mixed, log, method)
     worst = max(abs(found[name].value / TRUTH[name] - 1.0) for name in TOLD)
     assert worst < {"linear-spring": 0.15, "two-step": 0.15}.get(method, 0.03)
     assert [spring.joint for spring in found.springs] == ["shoulder"]
 
 
-def test_a_rigid_joint_with_two_encoders_has_one_position(mixed, motion):
+def test_a_rigid_joint_with_two_encoders_has_one_position(mixed, motion, log):
     time, motor, link, torque = motion
     apart = motor + np.array([0.0, 3e-3])
     found = identify_by(mixed, build(mixed, (time, apart, link, torque)), "weighted")
-    plain = identify_by(mixed, build(mixed, motion), "weighted")
+    plain = identify_by(mixed, log, "weighted")
     assert found.values == plain.values
     (notice,) = (entry for entry in found.notices if entry.code == "log.rigid-joint")
     assert "0.003 rad in the mean" in notice.text

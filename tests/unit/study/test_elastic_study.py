@@ -37,19 +37,6 @@ def test_times_stand_in_the_table_where_they_are_asked_for_only(timed, seconds, 
     assert ("s" in table.header) is timed
 
 
-@pytest.mark.slow
-def test_the_number_of_processes_changes_nothing(robots_folder):
-    robot = read_robot(robots_folder / "two_link_elastic.toml")
-    one, two = (
-        elastic_study.study_elastic(
-            robot, [0], datasets={"TB": elastic_study.DATASETS["TB"]}, methods=("linear-spring",), jobs=jobs
-        )
-        for jobs in (1, 2)
-    )
-    # Numbers that are not there are nan, which is not itself; their text is.
-    assert repr(one) == repr(two)
-
-
 @pytest.fixture(scope="module")
 def puma(robots_folder):
     robot = read_robot(robots_folder / "puma560_elastic.toml")
