@@ -276,8 +276,7 @@ def assemble_robot(
     for drive, part, stated in reading.couplings:
         if lost := [f"'{name}'" for name, _ in stated if name not in reached]:
             text = (
-                f"turns with joints that were cut off, {shorten_names(lost)}: it turns with the others "
-                "alone; keep them by --base and --tip"
+                f"turns without joints that were cut off, {shorten_names(lost)}; keep them by --base, --tip"
             )
             part.warn("robot.coupling-cut", text)
         terms = tuple((index[name], factor) for name, factor in stated if name in index and factor)

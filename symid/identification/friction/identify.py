@@ -355,11 +355,10 @@ def _identify_joint(
     warnings += [*_warn_of_smoothing(law), *regression.warn_of_load_gain(gain)]
     estimate = replace(estimate, notices=(*estimate.notices, *warnings))
     poses = compare_poses(logs, joint, law, beta=task.beta) if task.poses and not law.memory else None
-    texts = [
-        f"{held}: not in the comparison of poses, move longer there: {why}"
+    skipped = [
+        Notice(code="friction.pose-skipped", text=f"{held}: poses not compared, move longer: {why}")
         for held, why in (poses.skipped if poses else ())
     ]
-    skipped = [Notice(code="friction.pose-skipped", text=text) for text in texts]
     named = (replace(entry, text=f"joint {card.name!r}: {entry.text}") for entry in estimate.notices)
     found = JointFriction(
         estimate=estimate,
