@@ -30,7 +30,7 @@ FIT_WARNINGS = {
     ),
     "identify.low-cutoff": (
         "the low-pass of the positions at {cutoff:g} Hz damps accelerations that decimation passes (up to "
-        "{kept:.3g} Hz) and biases inertias. Raise processing.filter_cutoff to {least:.3g} Hz, or decimate"
+        "{kept:.3g} Hz), which biases inertias. Raise processing.filter_cutoff to {least:.3g} Hz, or decimate"
     ),
     "identify.pattern": (
         "the residuals are correlated: the standard deviations of {names} are up to {ratio:.2g} times too "
