@@ -30,15 +30,15 @@ NOTES = frozenset(
         *("log.aligned", "log.converted", "log.cut", "log.delay-refuted", "log.folded", "log.in-line"),
         *("log.episodes", "log.layout", "log.missing", "log.sample-rate", "log.time-unit"),
         *("log.motor-position", "log.no-motor", "log.offset", "log.payload", "log.resampled"),
-        *("log.topic-read", "log.wraps"),
+        *("log.topic-read", "log.transposed", "log.unused-columns", "log.wraps"),
         *("log.incomplete-messages", "identify.mounting", "robot.free-gravity"),
         *("new.assumed-order", "new.assumed-side", "new.gravity"),
         *("new.friction-kept", "new.preset", "new.unused-columns", "payload.controller-scope"),
         *("robot.assumed-gravity", "robot.cut-off", "robot.default-axis", "robot.elastic-joint"),
         *("robot.endless-limits", "robot.fixed-to-base", "robot.follower-still", "robot.lumped"),
         *("robot.mjcf-controller", "robot.mjcf-unused", "robot.angle-rounded", "robot.renamed"),
-        *("robot.notes", "robot.rounding-assumed", "robot.rounding-price"),
-        *("robot.urdf-unused", "robot.xacro-arguments"),
+        *("robot.axis-length", "robot.length-snapped", "robot.notes", "robot.rounding-assumed"),
+        *("robot.rounding-price", "robot.uneven-limits", "robot.urdf-unused", "robot.xacro-arguments"),
     )
 )
 """Codes of notes, which report a choice or a fact; all other notices are warnings or errors."""
@@ -97,8 +97,7 @@ SEVERE = (
 MILD = (
     *("elastic.not-identifiable", "log.not-excited", "identify.poorly-identifiable"),
     *("elastic.poorly-identifiable", "log.standstill", "identify.refused", "friction.refused"),
-    *("friction.joint-refused", "log.no-reference"),
-    *("robot.no-values", "codegen.cache-rebuilt", "codegen.cache-temporary"),
+    *("friction.joint-refused", "log.no-reference", "codegen.cache-rebuilt", "codegen.cache-temporary"),
 )
 """Codes of warnings behind all others, the least important last: what tables say too, what is not used."""
 MOST_WARNINGS = 3

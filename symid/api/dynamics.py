@@ -253,6 +253,8 @@ class LessonLetters(TypedDict, total=False):
     angle: Literal["q", "theta"] | None
     long_sines: bool
     lang: Literal["en", "de"]
+    title: str
+    author: str
 
 
 @final
@@ -360,6 +362,7 @@ class MarkedSheet(Result):
         path: of the sheet.
         answers: each with `number`, `prompt`, what was `typed`, a `mark` ("right", "wrong", "unreadable",
             "empty") and a `note`.
+        language: of notes and text, "en" or "de".
 
     Example:
         >>> import symid
@@ -375,6 +378,7 @@ class MarkedSheet(Result):
     robot: "robots.Robot"
     path: Path
     answers: "tuple[lessons.MarkedAnswer, ...]"
+    language: str = "en"
 
     @property
     def count(self) -> int:
@@ -386,21 +390,24 @@ class MarkedSheet(Result):
         """Return that not all answers are right, where that is so."""
         if self.count == len(self.answers):
             return ()
-        wrong = len(self.answers) - self.count
+        words, wrong = lessons.load_words(self.language), len(self.answers) - self.count
         text = f"{wrong} of {len(self.answers)} answers {'is' if wrong == 1 else 'are'} not right"
-        return (Notice(code="lesson.not-right", text=text, file=str(self.path)),)
+        return (Notice(code="lesson.not-right", text=words(text), file=str(self.path)),)
 
     def summarise(self) -> str:
         """Return robot, file and count."""
-        return f"{self.robot.name}: {self.path}, {self.count} of {len(self.answers)} right"
+        said = f"{self.robot.name}: {self.path}, {self.count} of {len(self.answers)} right"
+        return lessons.load_words(self.language)(said)
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, and a row for each answer."""
+        words = lessons.load_words(self.language)
         rows = [
-            (one.number, one.mark, one.typed[:_SHOWN] + "..." * (len(one.typed) > _SHOWN), one.note)
+            (one.number, words(one.mark), one.typed[:_SHOWN] + "..." * (len(one.typed) > _SHOWN), one.note)
             for one in self.answers
         ]
-        return (self.summarise(), report.Table(("exercise", "mark", "answer", "note"), rows, left=(1, 2, 3)))
+        head = tuple(map(words, ("exercise", "mark", "answer", "note")))
+        return (self.summarise(), report.Table(head, rows, left=(1, 2, 3)))
 
     def _describe(self) -> dict[str, object]:
         return {
@@ -436,8 +443,8 @@ class Derivation(Result):
     def html(self, path: str | PathLike[str], **letters: Unpack[LessonLetters]) -> Path:
         """Write the derivation as a page that follows the reader's posture, and return its path.
 
-        `path` ends in .html; the `letters` are the options `notation`, `parameters`, `angle`, `long_sines`
-        and `lang` of `RobotModel.write_lesson`.
+        `path` ends in .html; the `letters` are the options `notation`, `parameters`, `angle`, `long_sines`,
+        `lang`, `title` and `author` of `RobotModel.write_lesson`.
 
         Raises:
             OutputError: the page cannot be written.
@@ -644,6 +651,8 @@ class RobotDynamics:
         seed: int = 0,
         log: LogLike | None = None,
         lang: Literal["en", "de"] = "en",
+        title: str = "",
+        author: str = "",
     ) -> WrittenLesson:
         """Write the derivation as one self-contained page: formulas, their numbers, checks, the arm to move.
 
@@ -660,6 +669,8 @@ class RobotDynamics:
             seed: of the exercises.
             log: a log or its file, whose motion (at most 30 s) the page offers beside drawn ones.
             lang: language of the lesson, English or German ("de").
+            title: in place of the robot's name.
+            author: below the title.
 
         Raises:
             RobotError: a symbolic length has no value.
@@ -675,16 +686,17 @@ class RobotDynamics:
             what = f"{part} part of a page; write a .html for that"
             raise UsageError(Notice(code="usage.lesson-option", text=what))
         answers = sheet = executed = None
+        given: dict[str, Any] = {"language": lang, "title": title, "author": author}
         if suffix == ".ipynb":
             folder = file.resolve().parent
-            text, executed = lessons.write_lesson_notebook(robot, book, parameters, folder, lang)
+            text, executed = lessons.write_lesson_notebook(robot, book, parameters, folder, **given)
         else:
             sheet_file = file.with_suffix(".exercises.txt")
             if exercises and sheet_file.exists() and any(_read_sheet(sheet_file).answers.values()):
                 said = "has answers that were typed; move it, or name the page otherwise"
                 raise OutputError(Notice(code="output.answers", text=said, file=str(sheet_file)))
-            given: dict[str, Any] = {"tex": suffix == ".tex", "exercises": exercises, "seed": seed}
-            given |= {"logged": None if log is None else _sample_log(robot, log), "language": lang}
+            given |= {"tex": suffix == ".tex", "exercises": exercises, "seed": seed}
+            given |= {"logged": None if log is None else _sample_log(robot, log)}
             page = lessons.write_lesson(robot, book, parameters, **given)
             answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
             sheet = write_file(sheet_file, page.sheet) if page.sheet else None
@@ -699,18 +711,23 @@ class RobotDynamics:
             executed=executed,
         )
 
-    def check_answers(self, path: str | PathLike[str]) -> MarkedSheet:
+    def check_answers(
+        self, path: str | PathLike[str], *, lang: Literal["en", "de"] | None = None
+    ) -> MarkedSheet:
         """Mark the answers typed into the sheet at `path`, which `write_lesson` wrote beside a page.
 
         Formulas are compared exactly: any form of the right polynomial is right. A number is right to one
-        percent. The sheet says with which settings its exercises were drawn.
+        percent. The sheet says with which settings its exercises were drawn, and in which language they are
+        marked if `lang` does not.
 
         Raises:
             InputError: the file is no such sheet, or one of another robot.
         """
         file = Path(fspath(path))
-        answers = lessons.mark_sheet(self.description, _read_sheet(file), str(file))
-        return MarkedSheet(robot=self.description, path=file, answers=answers)
+        sheet = _read_sheet(file)
+        answers = lessons.mark_sheet(self.description, sheet, str(file), lang or "")
+        language = lang or sheet.settings.get("lang", "en")
+        return MarkedSheet(robot=self.description, path=file, answers=answers, language=language)
 
     def sympy(self, name: str, *, standard: bool | Literal["internal"] = False) -> "codegen.SymbolicFunction":
         """Return a function of the catalogue as exact SymPy expressions.

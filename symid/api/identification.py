@@ -446,7 +446,7 @@ class OneShotSolution(Result):
         """Return those of the problem, and a warning where the search did not converge."""
         if self.converged:
             return self.problem.notices
-        text = f"nlp did not converge: {self.answer.reason}; values are those of its last point"
+        text = f"nlp did not converge: {self.answer.reason}; its last point may be far off, try other methods"
         return (*self.problem.notices, Notice(code="elastic.nlp-not-converged", text=text))
 
     @property

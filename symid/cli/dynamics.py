@@ -36,7 +36,9 @@ from symid.options import GenerateOptions
 )
 @cli.MODEL("--angle", "Letter of angles in the page.", click.Choice(("q", "theta")))
 @cli.MODEL("--long-sines", "Write cos(q1 + q2) in place of c12 in the page.", is_flag=True)
-@cli.OUTPUT("--lang", "Language of the page.", click.Choice(("en", "de")), default="en")
+@cli.OUTPUT("--lang", "Language of the page, or of the marks.", click.Choice(("en", "de")), default="en")
+@cli.OUTPUT("--title", "Title of the page.  [default: robot]", default="", show_default=False, metavar="TEXT")
+@cli.OUTPUT("--author", "Author, below the title.", default="", show_default=False, metavar="TEXT")
 @cli.OUTPUT(
     "--exercises",
     "Exercises at the end of the page or document, with a file of answers.",
@@ -67,13 +69,15 @@ def derive_command(console: Console, *, robot: cli.NamedRobot, latex: bool, **op
     if given:
         (page,) = given.values()
         return make_answer(robot.load(console).write_lesson(page, **options))
-    unused = [name for name, value in options.items() if value not in (None, False, "symid", "en", 0)]
+    lang = None if options["lang"] == "en" else options["lang"]
+    options |= {"lang": None} if check else {}
+    unused = [name for name, value in options.items() if value not in (None, False, "symid", "en", 0, "")]
     if unused:
         what = "the sheet says how it was drawn" if check else "only for a page; add --html FILE"
         text = f"--{unused[0].replace('_', '-')}: {what}"
         raise UsageError(Notice(code="usage.lesson-option", text=text))
     if check is not None:
-        return make_answer(robot.load(console).check_answers(check))
+        return make_answer(robot.load(console).check_answers(check, lang=lang))
     return make_answer(robot.load(console).derivation(latex=latex))
 
 

@@ -319,7 +319,7 @@ def _obtain_from(entry: CacheEntry[T], folder: Path) -> tuple[T, tuple[Notice, .
         raise OutputError(Notice(code="output.cache", text=text, file=str(folder))) from error
     if not damage:
         return found, ()
-    text = f"the cached library was not used and made again: {damage}"
+    text = f"the cached library was damaged and made again, which took its time: {damage}; check the disk"
     return found, (Notice(code="codegen.cache-rebuilt", text=text, file=str(place)),)
 
 
@@ -492,5 +492,5 @@ def prepare_library(
         text = f"{reason}; give another backend than {backend!r}, or see `symid doctor`"
         raise GenerationError(Notice(code=code, text=text))
     slower = "CasADi's virtual machine" if casadi else "the NumPy module"
-    notice = Notice(code=code, text=f"{reason}; {slower} is used, which is slower")
+    notice = Notice(code=code, text=f"{reason}: {slower} is used, which is slower; see `symid doctor`")
     return obtain(None, notice)

@@ -221,7 +221,7 @@ def optimise_excitation(
     order = np.argsort([compute_information(problem.compute_gram(z)) for z in candidates], kind="stable")
     notices = problem.state_limits.notices
     if problem.limits.assumed:
-        text = f"the robot file does not state all limits; assumed: {'; '.join(problem.limits.assumed)}"
+        text = f"limits were assumed, which may be too wide: {'; '.join(problem.limits.assumed)}; state them"
         notices = (*notices, Notice(code="excitation.assumed-limits", text=text))
     source = (
         f"optimised finite Fourier series ({options.criterion}), {options.harmonics} harmonics of "

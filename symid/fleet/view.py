@@ -258,7 +258,7 @@ class Fleet(PagedResult):
     @property
     def notices(self) -> tuple[Notice, ...]:
         """Return a warning that counts the refused jobs."""
-        return self._count("fleet.refused", ("refused",), "refused")
+        return self._count("fleet.refused", ("refused",), "refused, without new values")
 
     @property
     def errors(self) -> tuple[Notice, ...]:
@@ -268,7 +268,7 @@ class Fleet(PagedResult):
 
     def _count(self, code: str, kinds: Sequence[str], words: str) -> tuple[Notice, ...]:
         count = sum(self.counts.get(kind, 0) for kind in kinds)
-        text = f"{count} of {len(self.rows)} jobs {words}; the table of reasons names some"
+        text = f"{count} of {len(self.rows)} jobs {words}; see the table of reasons"
         return (Notice(code=code, text=text, file=str(self.folder)),) if count else ()
 
     def summarise(self) -> str:

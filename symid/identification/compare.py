@@ -299,10 +299,10 @@ def build_side(robot: Robot, estimate: Estimate | ElasticEstimate, source: Path)
     ]
     values, deviations = ([getattr(entry, name) for entry in found.values] for name in ("value", "std"))
     if not found.covariance and sum(map(math.isfinite, deviations)) > 1:
-        text = "it has no covariance: its values are taken as independent, which affects chi-square"
+        text = "no covariance: values are taken as independent, which affects chi-square; identify again"
         notices.append(Notice(code="compare.no-covariance", text=text, file=file))
     if found.springs or found.rotors:
-        text = "base parameters and friction are compared; rotors and springs of elastic joints are not"
+        text = "rotors and springs of elastic joints may differ, for they are not compared; see both reports"
         notices.append(Notice(code="compare.springs", text=text, file=file))
     digests = estimate.settings.get("log_digests")
     known = [*digests] if isinstance(digests, list | tuple) else []
@@ -514,15 +514,15 @@ def compare_with_table(
     )
     deviations, notices = [row.deviation for row in rows], []
     if table.empty:
-        text = f"left out, because they have no value: {', '.join(name for _, name in table.empty)}"
+        text = f"not compared, without a value: {', '.join(name for _, name in table.empty)}; write them in"
         notices.append(Notice(code="compare.empty-value", text=text, file=file, line=table.empty[0][0]))
     without = sum(entry is None for entry in deviations)
     if without:
-        text = f"{without} of {len(deviations)} values have no standard deviation; only ours is used for them"
+        text = f"{without} of {len(deviations)} values have no standard deviation, so they count as exact"
         if table.columns.deviation is None:
-            text += "; --deviation names the column"
+            text += "; name its column by --deviation"
         elif table.columns.percent:
-            text += "; a percentage of zero is no deviation"
+            text += "; a percentage of zero is no deviation: state its size"
         notices.append(Notice(code="compare.no-deviation", text=text, file=file))
     other = OtherSide(
         source=path,

@@ -247,14 +247,14 @@ def _write_file(  # noqa: PLR0917 - what is written, where and how
             if in_place:
                 raise
             reason = "; ".join(map(str, error.notices))
-            said = f"a new {kind} was written, since the one that the robot was made from was not usable"
-            told.append(Notice(code="export.new-file", text=f"{said}: {reason}", file=str(path)))
+            said = f"a new {kind}, without meshes, was written: the source of the robot cannot be used"
+            told.append(Notice(code="export.new-file", text=f"{said}; correct it: {reason}", file=str(path)))
         else:
             text, told = new.text, [*told, *further]
             for link, carried in new.shared.items():
                 said = (
                     f"the values of link {link!r} were identified together with those of "
-                    f"{', '.join(carried)}, which are fixed to it; the change was spread over them"
+                    f"{', '.join(carried)}, fixed to it: only the sum is measured; correct the parts you know"
                 )
                 told.append(Notice(code="export.shared-links", text=said, file=str(path)))
     rewritten = made.file if made is not None and text else ""
@@ -273,7 +273,7 @@ def _write_file(  # noqa: PLR0917 - what is written, where and how
     if left_out:
         where = "" if rewritten else ", which is in comments"
         texts = _DIGITS.sub(lambda found: f"{float(found[0]):.6g}", "; ".join(left_out))
-        said = f"the format cannot express this{where}: {texts}"
+        said = f"the format cannot express this{where}, so simulators lack it: {texts}; keep the TOML file"
         told.append(Notice(code="export.left-out", text=said, file=str(path)))
     return FileExport(
         file=path,
@@ -403,7 +403,7 @@ def write_friction(
     notices = [replace(notice, file=str(path)) for notice in _read_back(text, ".toml", source)]
     write_file(path, text)
     for name, reason in kept.items():
-        text = f"joint {name!r} keeps the friction of the robot file: {reason}"
+        text = f"joint {name!r} keeps the friction of the robot file, not measured: {reason}; log more motion"
         notices.append(Notice(code="export.friction-kept", text=text, file=str(source)))
     for joint in robot.axes:
         law = get_friction_law(joint.friction)
@@ -417,7 +417,7 @@ def write_friction(
     if any(robot.elastic):
         text = (
             "friction was identified with rigid joints and includes the losses of springs; the file has the "
-            "springs as well, so these losses count twice"
+            "springs as well, so these losses count twice; identify the whole robot to separate them"
         )
         notices.append(Notice(code="export.friction-springs", text=text, file=str(source)))
     laws = {entry.joint: entry.estimate.law for entry in found.joints}

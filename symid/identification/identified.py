@@ -90,13 +90,11 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
         )
         # The robot file's own springs are written in place of those that are refused.
         lost = [
-            ("export.spring", f"the identified spring of {entry.joint!r} is not written: {entry.reason}")
+            ("export.spring", f"the stated spring of {entry.joint!r} is kept; load it more: {entry.reason}")
             for entry in estimate.springs
             if not entry.identifiable
         ]
-        text = (
-            f"the robot has no place for what was subtracted before the fit: {named}; its torques lack them"
-        )
+        text = f"torques of the robot lack what was subtracted before the fit, so add it to them: {named}"
         lost += [("export.effects", text)] if named else []
         places = [k for k, entry in enumerate(estimate.parameters) if entry in values]
         table = estimate.covariance
@@ -121,8 +119,8 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
     check_model(found, build_model_card(robot, base, ()), str(source))
     if any(described.elastic):
         text = (
-            "the joints were identified as rigid, and are written as rigid: rotors turn with their links, "
-            "and the springs of the robot file are left out, because these values do not hold with them"
+            "the joints were identified as rigid, and are written so: rotors turn with their links, without "
+            "springs, with which these values do not hold; identify the elastic robot to have them"
         )
         notices = (Notice(code="export.rigid-variant", text=text, file=str(source)),)
     # Shape values, gravity and zeros are part of the robot, as lengths are.
@@ -211,12 +209,12 @@ def list_warnings(
         far = ", at most {:.2g} standard deviations away ({})".format(*max(moved)) if moved else ""
         text = (
             f"no physical bodies have exactly the identified values; the nearest were written{far}: "
-            f"{standard.reason}"
+            f"{standard.reason}. Identify by --estimator consistent for values that bodies have"
         )
         notices.append(Notice(code="export.inconsistent", text=text, file=str(source)))
     if found.missing:
         names = ", ".join(found.missing)
-        text = f"not identified, taken from the robot file or the nearest bodies: {names}"
+        text = f"from the robot file or the nearest bodies, not measured: {names}; load and move them"
         notices.append(Notice(code="export.not-identified", text=text, file=str(source)))
     return tuple(notices)
 

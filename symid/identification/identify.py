@@ -351,19 +351,19 @@ def identify_robot_friction(
     beside |= {name for estimate in estimates for name, _ in estimate.refused}
     if options.friction and not beside & {entry.name for entry in library.card.friction}:
         text = (
-            "--friction is not used: no joint's friction acts on another here; --model chooses the law of a "
-            "joint's own friction"
+            "--friction is not used: no joint's friction acts on another here; choose the law of a joint's "
+            "own friction by --model"
         )
         unused.append(Notice(code="friction.unused-option", text=text))
     if options.known is not None and any(regression.list_measured_joints(measured)):
         text = (
             "the loads that joint-torque sensors measured are not used, because base parameters were given; "
-            "without --known the loads are subtracted, and no model of the links is needed"
+            "leave --known out to subtract the loads, for which no model of the links is needed"
         )
         unused.append(Notice(code="friction.load-unused", text=text))
     text = (
         f"elastic robot {robot.name!r}: friction was fitted on the motor side with a rigid model, so it "
-        "includes the losses of springs"
+        "includes the losses of springs; identify the whole robot to separate them"
     )
     springs = () if described is robot else (Notice(code="friction.elastic", text=text),)
     found = replace(found, **_describe_origin(robot, recordings))

@@ -219,14 +219,14 @@ def build_payload_command(
     if frame is None:
         hint = [] if robot is None else _list_flanges(robot, found.joint)
         text = (
-            f"the flange of the controller is taken as {words}; else name it by --frame (frame=): "
+            f"the flange of the controller is taken as {words}; if not, name it by --frame (frame=): "
             f"{'one of the links ' + ', '.join(hint) + ', or ' if hint else ''}x,y,z,roll,pitch,yaw"
         )
         notices.insert(0, Notice(code="payload.controller-frame", text=text))
     moments = {entry.name: entry.value for entry in found.quantities if entry.name.startswith("J")}
     inertia = None
     if unknown := [name for name, value in moments.items() if value is None]:
-        text = f"the inertia is {_LEFT_OUT[controller]}: {', '.join(unknown)} not identified"
+        text = f"inertia {_LEFT_OUT[controller]}: {', '.join(unknown)} not identified; turn the load faster"
         notices.insert(0, Notice(code="payload.controller-inertia", text=text))
     else:
         tensor = np.zeros((3, 3))

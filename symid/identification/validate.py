@@ -156,7 +156,7 @@ def validate_fit(
             processing = {**processing, "drop_first": own.drop_first, "drop_last": own.drop_last}
             fit = replace(fit, settings={**fit.settings, "processing": processing})
             text = "friction was fitted to mean periods; this log is not averaged"
-            text = f"{text}, so its residual contains noise"
+            text = f"{text}, so its residual contains noise: compare it with other single logs"
             source = str(log.source if isinstance(log, log_files.Recording) else log)
             notices = (Notice(code="validate.not-folded", text=text, file=source),)
     described = rigids.restore_robot(robot, fit, pairs)

@@ -17,6 +17,7 @@ if TYPE_CHECKING:
         write_lesson as write_lesson,
     )
     from symid.lessons.textbook import get_book as get_book
+    from symid.lessons.words import load_words as load_words
 else:
     from symid.lazy import load_names
 

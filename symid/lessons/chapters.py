@@ -86,6 +86,7 @@ class Lesson:
         robot: of the file. model: what the formulas are written in. book: their letters.
         values: of lengths and parameters. stand_ins: whether some were made up.
         beta: the base parameters, in the order of generated functions. language: one of `LANGUAGES`.
+        title: in place of that of the robot. author: below it.
     """
 
     robot: Robot
@@ -96,6 +97,8 @@ class Lesson:
     beta: tuple[float, ...]
     stand_ins: bool
     language: str
+    title: str = ""
+    author: str = ""
 
 
 def translate_chapter(chapter: Chapter, words: Words) -> Chapter:

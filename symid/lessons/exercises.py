@@ -1,6 +1,6 @@
 """Exercises on a lesson, drawn from the robot, and the sheet that students fill in and have marked.
 
-Lesson, seed -> `Exercise`s: gaps in formulas, groups to name, torques at rest, parameters without effect;
+Lesson, seed -> `Exercise`s: formulas at a right angle of a joint, torques at rest; none stands on the page;
 `Exercise`s -> a sheet in plain text, and back; answers typed behind "=" -> `MarkedAnswer`s.
 
     answer 1 = m2*l1*lc2*cos(q2)
@@ -39,7 +39,7 @@ from itertools import repeat
 from typing import Any, NoReturn, TypeAlias, cast
 
 import numpy as np
-from sympy import QQ, Rational
+from sympy import QQ, Integer, Rational, Symbol, expand, pi, sympify
 from sympy.polys.polyerrors import CoercionFailed
 from sympy.polys.rings import PolyRing
 
@@ -52,14 +52,13 @@ from symid.lessons.chapters import WRITTEN_OUT, Lesson, list_items, list_slides
 from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.matrices import Parameterisation
 from symid.lessons.words import LANGUAGES, Words, load_words
-from symid.notation import INERTIAL
 from symid.robot import Robot
 
 MOST_EXERCISES = 50
 """On one page."""
-_LONGEST_ANSWER = 140
-_OTHERS = 3
-_SMALL_TORQUE = 1e-9
+_LONGEST_ANSWER, _SMALL_TORQUE = 140, 1e-9
+_POSTURES = ((Integer(0), "0"), (pi / 2, "90 deg"), (-pi / 2, "-90 deg"), (pi, "180 deg"))
+"""Angles of a joint in rad, and as they are written."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,25 +66,23 @@ class Exercise:
     """A question, on the page and as `plain` text, its answer as text, and why.
 
     Args:
-        prompt: of the page, its formulas in LaTeX. plain: the same as text. note: the reason of the answer.
-        latex: of the answer. code: the answer in JavaScript; or a `number`; or one of `options`.
+        prompt: of the page, its formulas in LaTeX. plain: the same as text. note: the unit of the answer.
+        code: the answer in JavaScript; or a `number`.
     """
 
     prompt: str
     plain: str
     answer: str
     note: str = ""
-    latex: str = ""
     code: str = ""
     number: float | None = None
-    options: tuple[tuple[str, bool], ...] = ()
 
 
 def draw_exercises(
     lesson: Lesson, count: int, rng: np.random.Generator, words: Words = str
 ) -> tuple[Exercise, ...]:
-    """Return exercises on a lesson, in its language: formulas, groups, torques at rest, lost parameters."""
-    makers = (_ask_formula, _ask_group, _ask_torque, _ask_effect)
+    """Return exercises on a lesson, in its language: formulas at right angles, torques at rest."""
+    makers = (_ask_formula, _ask_torque)
     found: dict[str, Exercise] = {}
     for k in range(50 * count):
         one = makers[k % len(makers)](lesson, rng, words)
@@ -97,43 +94,31 @@ def draw_exercises(
 
 
 def _ask_formula(lesson: Lesson, rng: np.random.Generator, words: Words) -> Exercise | None:
+    robot, book, slides = lesson.robot, lesson.book, list_slides(lesson.robot)
     items = [item for chapter in lesson.chapters for item in list_items(chapter.items)]
     known = [x for x in items if x.code and x.name[:1] in set("Mgh") and 4 < len(x.sympy) <= _LONGEST_ANSWER]
     if not known:
         return None
     item = known[int(rng.integers(len(known)))]
-    left, _, right = item.latex.partition(" = ")
-    ask = words("What is {0}?").format
-    plain = rewrite_formula(left).replace("_", "").strip()
-    return Exercise(prompt=ask(f"${left}$"), plain=ask(plain), answer=item.text, latex=right, code=item.code)
-
-
-def _ask_group(lesson: Lesson, rng: np.random.Generator, words: Words) -> Exercise | None:
-    robot, model, slides = lesson.robot, lesson.model, list_slides(lesson.robot)
-    groups = [entry for entry in model.base.parameters if len(entry.terms) > 1]
-    if not groups:
+    names = (*lesson.values, *(f"{rate}q{k + 1}" for k in range(robot.size) for rate in ("", "d", "dd")))
+    letters = {name: Symbol(name) for name in names}
+    value = sympify(item.sympy, locals=letters)
+    turning = [k for k in range(1, robot.size + 1) if k not in slides and value.has(letters[f"q{k}"])]
+    if not turning:
         return None
-    entry = groups[int(rng.integers(len(groups)))]
-    symbol = textbook.write_symbol(entry.name, lesson.book, slides)
-    ring, terms = model.algebra.ring, []
-    for label, factor in entry.terms:
-        share, name = (
-            textbook.write_sum(ring.from_expr(factor), model.sums),
-            dynamics.write_label(robot, label),
-        )
-        text = textbook.write_text(share, lesson.book, slides).replace("**", "^")
-        long = len(share.products) > 1
-        product = name if text == "1" else f"{f'({text})' if long else text}*{name}"
-        terms.append((f"({textbook.write_code(share, 'v')})*v.{name}", product.replace("-1*", "-")))
-    code, texts = (" + ".join(parts) for parts in zip(*terms, strict=True))
-    ask = words("Which standard parameters does {0} stand for? Write the sum, as XX8 + {1}9*MX9.").format
-    return Exercise(
-        prompt=ask(f"${symbol}$", lesson.book.length),
-        plain=ask(entry.name, lesson.book.length),
-        answer=texts.replace("+ -", "- "),
-        note=words(entry.reason),
-        code=code,
-    )
+    joint = turning[int(rng.integers(len(turning)))]
+    angle, shown = _POSTURES[int(rng.integers(len(_POSTURES)))]
+    # Another formula than that of the page, which depends on the angle.
+    found = expand(value.subs(letters[f"q{joint}"], angle))
+    if found.is_number or found.has(pi):
+        return None
+    text = re.sub(r"(\w+)\*\*(\d+)", lambda power: "*".join([power[1]] * int(power[2])), str(found))
+    code = re.sub(r"[A-Za-z]\w*", lambda name: f"{'Math' if name[0] in _FUNCTIONS else 'v'}.{name[0]}", text)
+    answer = re.sub(r"\w+", lambda name: textbook.write_name(name[0], book, slides), text)
+    left, coordinate = item.latex.partition(" = ")[0], textbook.write_symbol(f"q{joint}", book, slides)
+    ask = words("What is {0} at {1} = {2}?").format
+    plain = ask(*(rewrite_formula(part).replace("_", "").strip() for part in (left, coordinate)), shown)
+    return Exercise(prompt=ask(f"${left}$", f"${coordinate}$", shown), plain=plain, answer=answer, code=code)
 
 
 def _ask_torque(lesson: Lesson, rng: np.random.Generator, words: Words) -> Exercise | None:
@@ -168,27 +153,6 @@ def _ask_torque(lesson: Lesson, rng: np.random.Generator, words: Words) -> Exerc
     )
 
 
-def _ask_effect(lesson: Lesson, rng: np.random.Generator, words: Words) -> Exercise | None:
-    robot, base = lesson.model.robot, lesson.model.base
-    gone = [entry for entry in base.eliminated if entry.reason.startswith("no effect")]
-    kept = [entry for entry in base.parameters if entry.label[1] in INERTIAL]
-    if not gone or len(kept) < _OTHERS:
-        return None
-    lost = gone[int(rng.integers(len(gone)))]
-    others = [kept[int(k)] for k in rng.choice(len(kept), _OTHERS, replace=False)]
-    labels = [lost.label, *(entry.label for entry in others)]
-    names = [(dynamics.write_label(robot, label), label == lost.label) for label in labels]
-    options = tuple((f"${textbook.write_symbol(name, lesson.book)}$", right) for name, right in sorted(names))
-    ask = words("Which of these parameters can no motion of this robot show, and why? ({0})").format
-    return Exercise(
-        prompt=ask(", ".join(text for text, _ in options)),
-        plain=ask(", ".join(name for name, _ in sorted(names))),
-        answer=lost.name,
-        note=words(lost.reason),
-        options=options,
-    )
-
-
 # The sheet.
 
 _SETTING = re.compile(r"--([a-z-]+) (\S+)")
@@ -217,7 +181,7 @@ def write_sheet(
             robot
         ),
         words("# Formulas in the letters of the lesson: m2*lc2*g*cos(q1 + q2), or shorter m2 lc2 g c12."),
-        words("# Numbers may be formulas too; where one of several is asked for, type its name."),
+        words("# Numbers may be formulas too."),
         words("# To mark: symid derive ROBOT --check FILE"),
         words("# Written with: {0}").format(drawn),
     ]
@@ -263,8 +227,8 @@ class MarkedAnswer:
     note: str = ""
 
 
-def mark_sheet(robot: Robot, sheet: AnswerSheet, file: str) -> tuple[MarkedAnswer, ...]:
-    """Return the marks of a sheet that was written for `robot`; its exercises are drawn again.
+def mark_sheet(robot: Robot, sheet: AnswerSheet, file: str, lang: str = "") -> tuple[MarkedAnswer, ...]:
+    """Return the marks of a sheet for `robot`, drawn again; notes in its language or `lang`.
 
     An InputError says that its settings cannot be read, or that its questions are others.
     """
@@ -286,17 +250,15 @@ def mark_sheet(robot: Robot, sheet: AnswerSheet, file: str) -> tuple[MarkedAnswe
         text = f"its questions are not those of {robot.name} with these settings; give the robot that the "
         text += "sheet was written for, or write it again with this version"
         raise InputError(Notice(code="lesson.other-exercises", text=text, file=file))
-    comparison = build_comparison(lesson)
+    comparison, words = build_comparison(lesson), load_words(lang or settings["lang"])
     found = []
     for number, one in enumerate(drawn, start=1):
         typed, right, mark, note = sheet.answers.get(number, ""), False, "", ""
-        given = _take_off_note(typed, one)
+        # The unit that the answer shows behind it may be typed too.
+        given = typed if one.number is None else re.sub(r"\s*N\s*m?\s*$", "", typed)
         try:
             if not typed:
                 mark = "empty"
-            elif one.options:
-                chosen = read_answer(given, comparison.names)
-                right = chosen.text == comparison.names.get(one.answer, one.answer)
             elif one.number is not None:
                 value = evaluate_number(read_answer(given, comparison.names), lesson.values)
                 right = abs(value - one.number) <= _SHARE * max(_SHARE, abs(one.number))
@@ -306,15 +268,8 @@ def mark_sheet(robot: Robot, sheet: AnswerSheet, file: str) -> tuple[MarkedAnswe
         except InputError as error:
             mark, note = "unreadable", str(error)
         mark = mark or ("right" if right else "wrong")
-        found.append(MarkedAnswer(number=number, prompt=one.plain, typed=typed, mark=mark, note=note))
+        found.append(MarkedAnswer(number=number, prompt=one.plain, typed=typed, mark=mark, note=words(note)))
     return tuple(found)
-
-
-def _take_off_note(typed: str, one: Exercise) -> str:
-    """Return what was typed without what the answer shows behind it: a unit, or ": " and a reason."""
-    space = "" if one.number is not None else ":"
-    words = rf"\s*{space}\s*" + r"\s*".join(map(re.escape, one.note.split()))
-    return re.sub(rf"{words}\s*$", "", typed) if one.note else typed
 
 
 # Typed formulas.
@@ -360,9 +315,8 @@ def list_spellings(lesson: Lesson) -> dict[str, str]:
     """
     robot, book, slides = lesson.robot, lesson.book, list_slides(lesson.robot)
     rates = [f"{head}q{number}" for number in range(1, robot.size + 1) for head in ("", "d", "dd")]
-    standard = [dynamics.write_label(robot, label) for label in lesson.model.base.labels]
     own = [x for x in map(str, lesson.model.algebra.ring.symbols) if not re.fullmatch(r"[sc]\d+", x)]
-    letters = [*dict.fromkeys((*rates, *lesson.values, *standard, *own))]
+    letters = [*dict.fromkeys((*rates, *lesson.values, *own))]
     pairs = [(textbook.write_name(name, book, slides), name) for name in letters]
     pairs += [(rewrite_formula(textbook.write_symbol(name, book, slides)).strip(), name) for name in letters]
     pairs += [(name, name) for name in letters]

@@ -34,7 +34,14 @@ _CELLS = "The cells between the chapters compute with the same objects in SymPy:
 
 
 def write_lesson_notebook(
-    robot: Robot, book: Book, form: Parameterisation | None, folder: Path, language: str = "en"
+    robot: Robot,
+    book: Book,
+    form: Parameterisation | None,
+    folder: Path,
+    *,
+    language: str = "en",
+    title: str = "",
+    author: str = "",
 ) -> tuple[str, bool]:
     """Return the lesson on `robot` as a notebook in JSON, and whether it was executed, in `folder`.
 
@@ -47,8 +54,9 @@ def write_lesson_notebook(
     )
     letters = f" {words('Letters as in {0}.').format(book.title)}" if book.title else ""
     text = (
-        f"# {words('{0}: equation of motion').format(_write_text(robot.name))}\n\n"
-        f"{_write_text(robot.description)}.\n\n{words(_LEAD)}{letters} {words(_CELLS)}\n\n"
+        f"# {_write_text(title) or words('{0}: equation of motion').format(_write_text(robot.name))}\n\n"
+        + f"{_write_text(author)}\n\n" * bool(author)
+        + f"{_write_text(robot.description)}.\n\n{words(_LEAD)}{letters} {words(_CELLS)}\n\n"
         + (f"**{words(made[0])}** {words(made[1])}\n\n" if lesson.stand_ins else "")
         + words("Written by symid {0}. SI units throughout.").format(__version__)
     )

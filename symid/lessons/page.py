@@ -14,7 +14,7 @@ import base64
 import json
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from html import escape
 from pathlib import Path
 
@@ -23,7 +23,7 @@ import numpy as np
 from symid import __version__
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import choose_route, list_robot_specs, list_spring_parameters, write_javascript_function
-from symid.dynamics import derive_base_parameters, get_label_unit, write_label
+from symid.dynamics import derive_base_parameters, get_label_unit
 from symid.environment import locate_resource_folder
 from symid.lessons.chapters import (
     Chapter,
@@ -100,21 +100,23 @@ def write_lesson(
     seed: int = 0,
     logged: LoggedMotion | None = None,
     language: str = "en",
+    title: str = "",
+    author: str = "",
 ) -> LessonPage:
     """Return the lesson on `robot` as a page, or as a document for pdflatex; `seed` draws its exercises.
 
-    `logged` is offered among the motions whose information the page shows. A RobotError says that a symbolic
-    length has no value.
+    `title` is by default of the robot; `logged` is offered among the motions whose information the page
+    shows. A RobotError says that a symbolic length has no value.
     """
     lesson, words = build_lesson(robot, book, form, language), load_words(language)
+    lesson = replace(lesson, title=title, author=author)
     drawn = draw_exercises(lesson, exercises, np.random.default_rng(seed), words)
     text = _write_document(lesson, drawn, words) if tex else _write_page(lesson, drawn, logged, words)
     if not drawn:
         return LessonPage(text=text)
     answers = ""
     for number, one in enumerate(drawn, start=1):
-        gap = " " if one.number is not None else ": "
-        answers += f"{number}. {one.plain}\n   {one.answer}{f'{gap}{one.note}' if one.note else ''}\n"
+        answers += f"{number}. {one.plain}\n   {f'{one.answer} {one.note}'.strip()}\n"
     letter, own = lesson.book.angle, get_book(lesson.book.name).angle
     angle = None if letter == own else letter.removeprefix("\\")
     settings = {"exercises": exercises, "seed": seed, "parameters": form, "notation": lesson.book.name}
@@ -176,8 +178,9 @@ def _write_page(lesson: Lesson, drawn: Sequence[Exercise], logged: LoggedMotion 
 
     parts = {
         "LANG": lesson.language,
-        "TITLE": escape(words("{0}: equation of motion").format(robot.name)),
-        "NAME": escape(robot.name.replace("_", " ")),
+        "TITLE": escape(lesson.title or words("{0}: equation of motion").format(robot.name)),
+        "NAME": escape(lesson.title or robot.name.replace("_", " ")),
+        "AUTHOR": f"<p>{escape(lesson.author)}</p>" if lesson.author else "",
         "DESCRIPTION": escape(robot.description),
         "LEAD": lead,
         "CONTENTS": contents,
@@ -285,7 +288,6 @@ def _describe(lesson: Lesson) -> dict[str, object]:
             for index, joint in enumerate(robot.joints)
         ],
         "coordinates": list(robot.coordinates),
-        "standard": dict.fromkeys((write_label(robot, label) for label in lesson.model.base.labels), 0.0),
         "gravity": [value.to_float(symbols) for value in robot.gravity],
         "values": dict(lesson.values),
         "beta": list(lesson.beta),
@@ -355,15 +357,12 @@ def _list_marked_letters(lesson: Lesson) -> Iterator[Item]:
 
 
 def _write_exercise(one: Exercise) -> str:
-    texts = {"prompt": one.prompt, "answer": one.answer, "latex": one.latex, "note": one.note}
+    texts = {"prompt": one.prompt, "answer": one.answer, "note": one.note}
     parts = [f'"{key}": {_write_json(text)}' for key, text in texts.items()]
     if one.code:
         parts.append(f'"formula": (v) => {one.code}')
     if one.number is not None:
         parts.append(f'"number": {one.number!r}')
-    if one.options:
-        options = [{"text": text, "right": right} for text, right in one.options]
-        parts.append(f'"options": {_write_json(options)}')
     return f"{{ {', '.join(parts)} }}"
 
 
@@ -378,9 +377,10 @@ _TEX_MARKS = str.maketrans(
 
 def _write_document(lesson: Lesson, drawn: Sequence[Exercise], words: Words) -> str:
     """Return the lesson in LaTeX, with a question and room for what is written by hand for each exercise."""
-    title = _write_tex(words("{0}: equation of motion").format(lesson.robot.name))
+    title = _write_tex(lesson.title or words("{0}: equation of motion").format(lesson.robot.name))
+    names = r"\\ ".join(filter(None, (_write_tex(lesson.author), f"symid {__version__}")))
     head = (locate_resource_folder("templates") / "lesson" / "head.tex").read_text(encoding="utf-8")
-    parts = [head.replace("CHECKED", words("Checked")), rf"\title{{{title}}}\author{{symid {__version__}}}"]
+    parts = [head.replace("CHECKED", words("Checked")), rf"\title{{{title}}}\author{{{names}}}"]
     parts += [r"\date{}\maketitle", _write_tex(lesson.robot.description)]
     for chapter in lesson.chapters:
         parts.append(rf"\section{{{_write_tex(chapter.title)}}}")

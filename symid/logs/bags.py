@@ -299,7 +299,7 @@ def pick_topic(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, d
     if names != own_names:
         pairs = ", ".join(f"{mine!r} is {own!r}" for mine, own in zip(names, own_names, strict=True))
         text = f"joints of topic {topic} have other names than those of the robot: {pairs}"
-        findings.remark("log.joint-names", f"{text}; is it this robot?")
+        findings.remark("log.joint-names", f"{text}; check that it is this robot, whose order was taken")
     fields = {"position": "position", "velocity": "velocity", "torque": "effort"}
     columns = {key: tuple(f"{topic}/{name}/{part}" for name in names) for key, part in fields.items()}
     if any(name not in raw.columns for name in columns["velocity"]):

@@ -23,7 +23,7 @@ from symid.robot import Joint, JointKind, Robot
 
 # Thresholds of warnings, not of refusals.
 _REPEATED = 0.5
-_STANDSTILL = 0.5
+_STANDSTILL, _MOVE = 0.5, "inertia and friction are poorly identifiable. Move it more"
 _MANY_TURNS = 4.0 * np.pi
 _LEAST_WAY = 1e-2
 """Least range in rad or m of a joint whose velocity is compared."""
@@ -41,13 +41,13 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
         peak, most = summary.peak, joint.limits.torque
         if np.ptp(torque) == 0.0 and joint.actuated:
             text = f"the torque of joint {joint.name!r} is {torque[0]:.4g} throughout"
-            found.append(("log.constant-torque", text))
+            found.append(("log.constant-torque", f"{text}: {_MOVE}, or check the column"))
         elif most is not None and peak > most * (1.0 + 1e-6):
             text = f"the torque of joint {joint.name!r} reaches {peak:.4g}, beyond its limit {most:.4g}"
             found.append(("log.torque-beyond-limit", f"{text}; check unit, factor and gear"))
         if summary.low < summary.high and summary.standstill > _STANDSTILL:
             text = f"joint {joint.name!r} is at standstill for {100 * summary.standstill:.0f} % of the log"
-            found.append(("log.standstill", f"{text}; inertia and viscous friction are poorly identifiable"))
+            found.append(("log.standstill", f"{text}; {_MOVE}"))
     side = get_second_encoder_side(recording)
     second = recording.motor_position if side == "motor" else recording.link_position
     if side is not None and second is not None:
@@ -60,7 +60,7 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
             if mask.any():
                 joints = ", ".join(name for name, hit in zip(names, mask, strict=True) if hit)
                 text = f"the channel of the {side} encoder {what} for {joints}: it is not an encoder"
-                found.append(("log.no-second-encoder", f"{text}, and the torsion of these joints is unknown"))
+                found.append(("log.no-second-encoder", f"{text}, and torsion is unknown; check the column"))
     if recording.velocity is not None and np.all(np.isfinite(recording.velocity)):
         # The integral of the logged velocity, which may have a small bias, against the position.
         velocity = recording.velocity
@@ -108,7 +108,7 @@ def _explain_ratio(ratio: float, gear: float) -> str:
 def _check_position(position: FloatArray, joint: Joint) -> Iterator[tuple[str, str]]:
     low, high = float(position.min()), float(position.max())
     if low == high:
-        yield "log.constant-position", f"joint {joint.name!r} does not move in this log"
+        yield "log.constant-position", f"joint {joint.name!r} does not move in this log; {_MOVE}"
         return
     # The joint moves at more than a tenth of its median speed, over ten samples.
     span = min(10, len(position) - 1)
@@ -117,8 +117,8 @@ def _check_position(position: FloatArray, joint: Joint) -> Iterator[tuple[str, s
     repeated = float(np.mean(np.diff(moving) == 0.0)) if len(moving) > 1 else 0.0
     if repeated > _REPEATED:
         share = f"{100 * repeated:.0f} % of its positions"
-        text = f"joint {joint.name!r} moves, but {share} repeat the one before"
-        yield "log.repeated-samples", f"{text}: the sensor is slower than the log, or coarse"
+        text = f"joint {joint.name!r} moves, but {share} repeat the one before: the sensor is slow or coarse"
+        yield "log.repeated-samples", f"{text}, which spoils accelerations. Log at its rate"
     limits = joint.limits.position
     unit = "m" if joint.kind is JointKind.PRISMATIC else "rad"
     if limits and (low < limits[0] or high > limits[1]):

@@ -291,7 +291,7 @@ def extract_quantity(
             return None, names
     lacking = [column for column in names if column not in raw.columns]
     if name in CONTROL_CHANNELS and lacking:
-        text = f"{_describe_missing(raw, lacking[0], name)}; only output error needs it"
+        text = f"{_describe_missing(raw, lacking[0], name)}; log it for output error, which alone needs it"
         findings.remark("log.no-reference", text)
         return None, ()
     array = _stack_columns(raw, names, name, findings, mapped=mapped is not None)

@@ -153,7 +153,7 @@ def warn_compared(found: "Compared") -> Iterator[Notice]:
     if found.other.shared:
         text = (
             f"both estimates were fitted to {', '.join(found.other.shared)}: their errors are not "
-            "independent, and differences should be smaller than the standard deviations"
+            "independent, and differences should be smaller than deviations; compare fits of other logs"
         )
         yield Notice(code="compare.shared-logs", text=text, file=file)
     for coupling in dict.fromkeys(reading.coupling for reading, _ in found.readings if reading.coupling):

@@ -24,7 +24,7 @@ from symid.errors import Notice, UsageError
 from symid.report import figures
 from symid.report.blocks import Drawing
 from symid.report.pages import format_percent
-from symid.robot import Placement, Robot
+from symid.robot import Placement, Robot, to_matrix
 
 if TYPE_CHECKING:
     from symid.excitation import Margin, OptimisedExcitation, ReferenceMotion
@@ -44,7 +44,7 @@ _NEEDED = ("plot", "fill", "axvline", "set_xlabel", "legend")
 
 
 def place_arm(robot: Robot, pose: Sequence[float]) -> tuple[list[FloatArray], list[FloatArray]]:
-    """Return the links as lines (3, 3) from joint to joint, m, and the frames (4, 4) of all joints.
+    """Return the links as lines (k, 3) from joint to joint and to tools, m, and the frames (4, 4) of joints.
 
     `pose` holds a coordinate for every joint that follows no other, rad or m.
     """
@@ -54,10 +54,7 @@ def place_arm(robot: Robot, pose: Sequence[float]) -> tuple[list[FloatArray], li
     links, frames = list[FloatArray](), list[FloatArray]()
     for index, joint in enumerate(robot.joints):
         parent = np.eye(4) if joint.parent < 0 else frames[joint.parent]
-        placed = np.eye(4)
-        placed[:3, :3] = [[entry.to_float() for entry in row] for row in joint.placement.rotation]
-        placed[:3, 3] = [entry.to_float(values) for entry in joint.placement.translation]
-        frame = parent @ placed
+        frame = parent @ to_matrix(joint.placement, values)
         start, axis, end = parent[:3, 3], frame[:3, 2], frame[:3, 3]
         along = ((end - start) @ axis) * axis
         mimic = joint.mimic
@@ -69,6 +66,10 @@ def place_arm(robot: Robot, pose: Sequence[float]) -> tuple[list[FloatArray], li
             step[:2, :2] = [[np.cos(q), -np.sin(q)], [np.sin(q), np.cos(q)]]
         frames.append(frame @ step)
         links.append(np.array([start, end - along, frames[-1][:3, 3]]))
+    # Tools: the links of a file that move with a joint behind which no other follows.
+    for index in sorted({*range(robot.size)} - {joint.parent for joint in robot.joints}):
+        held = [to_matrix(entry.placement, values) for entry in robot.links if entry.joint == index]
+        links.append(np.array([(frames[index] @ placed)[:3, 3] for placed in (np.eye(4), *held)]))
     return links, frames
 
 

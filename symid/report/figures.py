@@ -12,7 +12,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from heapq import heappop, heappush
 from html import escape
-from itertools import pairwise
+from itertools import pairwise, product
 
 import numpy as np
 import scipy
@@ -29,7 +29,7 @@ _LONGEST_LABEL = 24
 """Letters beside a row of a figure."""
 _LEAST_ROOM = 40.0
 """Of the marks of such a figure."""
-_CHARACTER = 7.2
+_CHARACTER, _ROW = 7.2, 15.0
 """Width of a character of the legend on average, in the unit of the drawing."""
 _DIGIT = 8.1
 """Width of a digit."""
@@ -490,12 +490,18 @@ def build_arm_figure(
             tip = frame[:3, 3] + 3.0 * share * size * frame[:3, k]
             (x, y), (tip_x, tip_y) = place(np.array([frame[:3, 3], tip]))
             body.append(f'<path class="line frame-{name}" d="M{x:.1f},{y:.1f}L{tip_x:.1f},{tip_y:.1f}"/>')
-    for joint in joints:
-        sides = (("start", 1.45), ("end", -1.45))
-        x, y = place(joint.place + joint.radius * (1.45 * right + (0.0, 0.0, 0.7)))
-        # On the other side where there is no room.
-        anchor, side = sides[int(x + _CHARACTER * len(joint.label) > WIDTH)]
-        x, y = place(joint.place + joint.radius * (side * right + (0.0, 0.0, 0.7)))
+    taken = list[tuple[float, float, float]]()
+    for joint in (joint for joint in joints if joint.label):
+        wide = _CHARACTER * len(joint.label)
+        # The first place that is free: on the right, ever higher and lower, and then on the left.
+        for side, step in product((1.45, -1.45), range(2 * len(joints) + 1)):
+            x, y = place(joint.place + joint.radius * (side * right + (0.0, 0.0, 0.7)))
+            left, y = x if side > 0.0 else x - wide, y + (-1) ** step * ((step + 1) // 2) * _ROW
+            over = (a < left + wide and left < b and abs(y - c) < _ROW for a, b, c in taken)
+            if left >= 0.0 and left + wide <= WIDTH and not any(over):
+                break
+        taken.append((left, left + wide, y))
+        anchor = "start" if side > 0.0 else "end"
         body.append(f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}">{escape(joint.label)}</text>')
     return _wrap_figure(caption, _ARM_HEIGHT, body)
 

@@ -117,7 +117,7 @@ def show_estimate(estimate: "estimators.Estimate", *, brief: bool = False) -> tu
     """
     headline = (
         f"{estimate.robot}: {estimate.rows}, {estimate.estimator}, {estimate.samples} equations, condition "
-        f"{estimate.condition:.3g}: {estimate.outcome.value}"
+        f"{estimate.condition:.3g}: {estimate.ending}"
     )
     truth = {"truth": "truth", "within 3 std": "near_truth"} if estimate.simulated else _STATED
     table = _show_parameters(estimate.parameters, ".3g", truth)

@@ -145,7 +145,7 @@ def build_identification_page(
             "friction": estimate.friction,
             "samples fitted": estimate.samples,
             "condition number (column-scaled)": f"{estimate.condition:.4g}",
-            "outcome": estimate.outcome.value,
+            "outcome": estimate.ending,
         },
         **options,
     )

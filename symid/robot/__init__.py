@@ -39,6 +39,7 @@ if TYPE_CHECKING:
         explain_impossible_inertia as explain_impossible_inertia,
         move_by_placement as move_by_placement,
         move_parameters as move_parameters,
+        to_matrix as to_matrix,
     )
     from symid.robot.loading import (
         Vector as Vector,

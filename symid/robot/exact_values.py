@@ -207,7 +207,7 @@ def read_angle(section: Section, key: str, *inner: int) -> geometry.Angle:
         section.refuse("robot.bad-angle", key, f"expected an angle, {allowed}; got {shown}", *inner)
         return ZERO_ANGLE
     if abs(radians) > _LARGEST_ANGLE and not text:
-        words = f'{shown} rad is about {radians / math.tau:.1f} turns; degrees are written "90 deg"'
+        words = f'{shown} rad is about {radians / math.tau:.1f} turns; write degrees as "90 deg"'
         section.warn("robot.large-angle", key, words, *inner)
     angle = geometry.build_exact_angle(radians)
     if angle.snapped_by:
@@ -228,7 +228,7 @@ def read_length(section: Section, key: str, *inner: int) -> geometry.Exact:
 def _warn_long(section: Section, key: str, *inner: int) -> None:
     number = to_decimal(section.get(key, *inner))
     if number is not None and abs(number) > _LARGEST_LENGTH:
-        text = f"{section.show(key, *inner)} m is long; lengths are in m"
+        text = f"{section.show(key, *inner)} m is too long; write lengths in m"
         section.warn("robot.long-length", key, text, *inner)
 
 

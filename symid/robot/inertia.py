@@ -56,6 +56,12 @@ def move_parameters(old: Sequence[float], rotation: FloatArray, translation: Flo
     return tuple(float(entry) + 0.0 for entry in entries)
 
 
+def to_matrix(placement: Placement, values: Mapping[str, float] | None = None) -> FloatArray:
+    """Return a placement as a matrix (4, 4), lengths in m, symbols by `values`."""
+    shift = [[entry.to_float(values)] for entry in placement.translation]
+    return np.block([[np.array(to_floats(placement)), np.array(shift)], [np.eye(4)[3:]]])
+
+
 def move_by_placement(
     parameters: Sequence[float],
     placement: Placement,

@@ -273,7 +273,7 @@ def complete_robot(
         text = f"the source's friction of {', '.join(kept)} was taken over into the law {friction}"
         notices.append(Notice(code="new.friction-kept", text=text, file=robot.path))
     if lost:
-        text = f"the law {friction} has no place for all friction that the source states of {', '.join(lost)}"
+        text = f"the law {friction} lacks some friction of the source, of {', '.join(lost)}; choose another"
         notices.append(Notice(code="new.friction-lost", text=text, file=robot.path))
     return replace(after, joints=tuple(moved), notices=(*after.notices, *notices))
 

@@ -70,7 +70,7 @@ WORLD = "world"
 # An included part of a model is one by its tag, too.
 _ROOTS = ("mujoco", "mujocoinclude")
 _UNUSED = "not used, and not needed for the dynamics: {}"
-_LOST = "forces that are not in the model: {}"
+_LOST = "forces that the model and its torques lack; keep them out of logs: {}"
 _REFUSED = ("attach", "replicate", "composite", "flexcomp", "plugin")
 _READ = ("inertial", "joint", "freejoint", "body", "frame", "geom")
 _SECTIONS = ("compiler", "option", "default", "worldbody", "tendon", "equality", "actuator", "include")
@@ -202,7 +202,7 @@ def _build_angle(part: urdf_parts.XmlPart, radians: float, attribute: str) -> ge
 
 def _tell_snap(part: urdf_parts.XmlPart, moved: float, attribute: str) -> None:
     if moved:
-        text = f"{attribute} was moved to the nearest multiple of pi/2, of bodies (by rad) {{}}"
+        text = f"{attribute} was moved to a multiple of pi/2, keep it by --snap 0, of bodies (by rad) {{}}"
         part.group("robot.angle-snapped", text, f"{abs(moved):.1e}", attribute)
 
 
@@ -264,7 +264,7 @@ def read_joint(
     zero = own.read_decimal("ref") or Decimal(0)
     armature, damping = own.read_positive("armature"), own.read_linear("damping")
     if damping < 0:
-        text = f"damping: {damping:g} drives the joint instead of braking it"
+        text = f"damping: {damping:g} drives the joint instead of braking it; correct the sign"
         own.warn("robot.negative-friction", text, "damping")
     turn = geometry.compose_placements(frame, geometry.translate(*_read_position(own)), axis)
     friction = urdf_parts.build_friction(damping, own.read_positive("frictionloss"))
@@ -452,7 +452,7 @@ def assemble_model(reading: urdf_parts.TreeReading, base: str | None, tip: str |
             weightless = weightless or "gravity" in off
             for name in off:
                 if name in ("passive", "spring", "damper", "frictionloss", "equality", "constraint"):
-                    text = "flags disable forces, which the model has where joints state them: {}"
+                    text = "flags disable forces that joints state, so the model has them; state none: {}"
                     reading.group("robot.mjcf-flag", text, name, flag, name)
     # A joint whose name is taken was left out, and its bodies are not connected.
     complete = not any(error.code == "robot.duplicate-joint" for error in reading.errors)
@@ -734,7 +734,7 @@ def _read_actuators(reading: urdf_parts.TreeReading) -> None:
         own, gear = entries[0]
         for other, second in entries[1:]:
             if second != gear:
-                text = "several actuators with different gears, the first of them is used, of joints {}"
+                text = "of actuators with different gears the first scales torques; leave one, of joints {}"
                 reading.group("robot.two-gears", text, f"'{joint}'", other.element)
         entry = reading.joints[joint]
         limits = entry.limits

@@ -111,18 +111,18 @@ def find_implausible(links: Mapping[str, PlacedBody]) -> Iterator[tuple[str, str
     for name, parameters in bodies.items():
         mass, com, central = split_body(parameters)
         if mass > _LARGEST_MASS:
-            text = f"mass: {mass:.4g} kg is more than any robot's"
-            yield name, text + (", are these grams?" if mass / 1000 < _LARGEST_MASS else "; a placeholder?")
+            text = f"mass: {mass:.4g} kg is more than any robot's, and its torques are too large"
+            yield name, text + ("; write kg, not grams" if mass / 1000 < _LARGEST_MASS else "; correct it")
             continue
         radius = sqrt(max(float(np.linalg.eigvalsh(to_tensor(central))[-1]), 0.0) / mass) if mass else 0.0
         if not radius or not reach:
             continue
         size = sizes[name] or reach
         if radius > reach:
-            text = f"inertia: a radius of gyration of {radius:.3g} m, and the robot reaches {reach:.3g} m"
+            text = f"inertia: a radius of gyration of {radius:.3g} m, where the robot reaches {reach:.3g} m"
             misses = {unit: abs(log(radius * sqrt(unit) / (_TYPICAL_RADIUS * size))) for unit in _UNITS}
             unit = min(misses, key=misses.__getitem__)
-            yield name, f"{text}; in {_UNITS[unit]} it would be {radius * sqrt(unit):.2g} m; or a placeholder"
+            yield name, f"{text}, and {radius * sqrt(unit):.2g} m if it is in {_UNITS[unit]}; correct it"
             continue
         found[name] = (mass, radius / size)
         if any(com):
@@ -132,13 +132,13 @@ def find_implausible(links: Mapping[str, PlacedBody]) -> Iterator[tuple[str, str
     compact = [ratio for _, ratio in found.values()]
     if len(compact) >= _LEAST_LINKS and median(compact) < _SMALLEST_RADIUS:
         text = f"radii of gyration are {median(compact):.2g} of the links' sizes (median)"
-        yield "", f"{text}; with masses in g read as kg they would be 30 times larger"
+        yield "", f"{text}, and 30 times as large if masses are in g; write kg"
         return
     for name, (mass, ratio) in found.items():
         others = sum(other for key, (other, _) in found.items() if key != name)
         if others and mass > _HEAVY * others and ratio < _SMALLEST_RADIUS * 2:
             text = f"mass: {mass:.4g} kg, and all other links together have {others:.3g} kg"
-            yield name, f"{text}: are these grams?"
+            yield name, f"{text}, so torques are wrong: write kg, not grams"
     if len(shares) >= _LEAST_LINKS and all(about_origin) and median(shares) > _MOST_OF_IT:
-        text = "all inertias are so large that they may be those about the links' origins; the file should "
-        yield "", text + "have those about the centre of mass (I - m c^2 is possible for every link)"
+        text = "all inertias are so large that they may be those about the links' origins, which makes "
+        yield "", f"{text}torques too large; write those about centres of mass (I - m c^2 is possible)"

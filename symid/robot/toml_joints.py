@@ -500,9 +500,9 @@ def _warn_of_driving_friction(table: Section, friction: FrictionValues, fastest:
     start = f"from about {speed:.2g} {unit} on" if speed > _SLOWEST else "as motion begins"
     negative = (name for name, value in named.items() if value < 0.0 and name not in _CONSTANT)
     key = next(negative, next(iter(named)))
-    hint = "simulation refuses that"
+    hint = "simulation refuses that; correct the sign"
     if "g2" in joint_models.name_shape(friction):
-        key, hint = "Fm", "Fc or Fv must outweigh Fm, or g2 be at least g3"
+        key, hint = "Fm", "let Fc or Fv outweigh Fm, or g2 be at least g3"
     text = f"{named[key]:g} drives the joint {start} instead of braking it; {hint}"
     table.warn("robot.negative-friction", key, text)
 
@@ -566,7 +566,7 @@ def complete_joint(section: Section, joint: Joint, *, fixed: bool) -> Joint:
         stiffness = table.read_float("stiffness", _STIFFNESS, word=UNKNOWN)
         spring = Spring(stiffness=stiffness, rest=table.read_float("rest", "rad", word=UNKNOWN))
         if stiffness is not None and stiffness < 0:
-            text = f"{stiffness:g} pushes the joint away from rest; a spring's stiffness is positive"
+            text = f"{stiffness:g} pushes the joint away from rest; write a positive stiffness"
             table.warn("robot.negative-stiffness", "stiffness", text)
     elasticity, actuated = read_elasticity(section), section.read_flag("actuated") is not False
     if not actuated and (shared or elasticity is not None):

@@ -181,7 +181,7 @@ def build_robot(root: Section, file: str) -> Robot:
             text = f"cannot name a symbol: it reads as a parameter of the coupling {taken[symbol]}"
             symbols.refuse_key("robot.bad-name", symbol, text)
         elif symbol not in root.used:
-            symbols.warn("robot.unused-symbol", symbol, "nothing in the file uses this symbol")
+            symbols.warn("robot.unused-symbol", symbol, "has no effect, as nothing uses it; check its name")
     notices = root.finish()
     robot = Robot(
         name=name or re.sub(r"\W|^(?=\d)", "_", Path(file).stem),
@@ -265,10 +265,10 @@ def read_body(
         link.refuse("robot.impossible-inertia", key, f"{text}, or write them as standard, which is kept")
         return None, None
     if impossible:
-        text = f"no physical body has these values, and they are kept: {impossible}"
+        text = f"no physical body has these values, and simulation may fail; check them: {impossible}"
         link.warn("robot.impossible-inertia", key, text)
     elif not found[9] and any(found):
-        text = "no mass (M = 0), but other values: no physical body has them, and they are kept"
+        text = "no mass (M = 0), but other values, as no physical body has: simulation may fail; state M"
         link.warn("robot.inertia-without-mass", key, text)
     if form is not None and not any(form.inertia):
         text = "inertia is taken as zero: a point mass; write inertia = { xx = 0.01, yy = 0.01, zz = 0.01 }"

@@ -538,4 +538,4 @@ def explain_wide_limits(low: float, high: float) -> str:
     widest = max(abs(low), abs(high))
     if not 40 < widest < 1000:
         return ""
-    return f"{widest:g} rad are {widest / math.tau:.1f} turns; are these degrees? limits are in rad"
+    return f"{widest:g} rad are {widest / math.tau:.1f} turns; write limits in rad, not in degrees"

@@ -373,10 +373,10 @@ def _read_pose(owner: XmlPart) -> tuple[XmlPart, Triple, Triple] | None:
     origin.refuse_text('xyz="0 0 0.1" rpy="0 0 0"')
     xyz, rpy = (origin.read_vector(key) or NULL for key in ("xyz", "rpy"))
     if (far := max(map(abs, xyz))) > 10:
-        origin.warn("robot.long-length", f"origin xyz: {far} m is long; lengths are in m", "xyz")
+        origin.warn("robot.long-length", f"origin xyz: {far} m is too long; write lengths in m", "xyz")
     if (wide := max(map(abs, rpy))) > 12:
         turns = float(wide) / math.tau
-        text = f"origin rpy: {wide} is about {turns:.1f} turns; angles are in rad"
+        text = f"origin rpy: {wide} is about {turns:.1f} turns; write angles in rad"
         origin.warn("robot.large-angle", text, "rpy")
     return origin, xyz, rpy
 
@@ -422,10 +422,10 @@ def _read_inertial(link: XmlPart) -> tuple[float, ...] | None:
     tensor, central, place = inertial.get("inertia", *TENSOR), [0.0] * 6, inertial.element.find("inertia")
     before = len(link.reading.errors)
     if tensor is None:
-        inertial.group("robot.point-mass", "links {}: <inertial> without <inertia>; taken as point masses")
+        inertial.group("robot.point-mass", "links {}: <inertial> without <inertia>: point masses; add it")
     else:
         if missing := [key for key in TENSOR if key not in tensor.element.attributes]:
-            tensor.warn("robot.incomplete-inertia", f"inertia: {', '.join(missing)} missing; taken as zero")
+            tensor.warn("robot.incomplete-inertia", f"inertia: {', '.join(missing)} missing, so zero; add it")
         central = [float(tensor.read_decimal(key) or 0) for key in TENSOR]
     is_wrong = number is None or number < 0 or len(link.reading.errors) > before
     rotation, com = np.eye(3), [0.0] * 3
@@ -449,10 +449,10 @@ def build_body(
     found = compute_standard_parameters(mass, com, turned[:6])
     if mass and (impossible := explain_impossible_inertia(found)):
         likely = explain_correction(mass, com, central)
-        text = f"no physical body has this inertia; the values are kept: {impossible}{likely}"
+        text = f"no physical body has this inertia, and simulation may fail; check it: {impossible}{likely}"
         part.warn("robot.impossible-inertia", text)
     elif not mass and any(found):
-        text = "links {}: inertia without mass, which no physical body has; the values are kept"
+        text = "links {}: inertia without mass, which no physical body has; state the mass"
         part.group("robot.inertia-without-mass", text)
     return found
 
@@ -536,7 +536,7 @@ def _read_joint(name: str, part: XmlPart) -> TreeJoint | None:
         place, xyz, rpy = pose
         roll, pitch, yaw = (geometry.build_exact_angle(float(value), snap=reading.snap) for value in rpy)
         if moved := max(abs(angle.snapped_by) for angle in (roll, pitch, yaw)):
-            text = "origin rpy was moved to the nearest multiple of pi/2, of joints (by rad) {}"
+            text = "origin rpy was moved to a multiple of pi/2, keep it by --snap 0, of joints (by rad) {}"
             place.group("robot.angle-snapped", text, f"{moved:.1e}", "rpy")
         exact = zip(rpy, (roll, pitch, yaw), strict=True)
         if any(geometry.is_rounded_turn(value) and not angle.snapped_by for value, angle in exact):
@@ -562,7 +562,7 @@ def _read_joint(name: str, part: XmlPart) -> TreeJoint | None:
             values = [dynamics.read_decimal(key) for key in ("damping", "friction")]
             for key, value in zip(("damping", "friction"), values, strict=True):
                 if value is not None and value < 0:
-                    text = f"dynamics {key}: {value} drives the joint instead of braking it"
+                    text = f"dynamics {key}: {value} drives the joint instead of braking it; correct the sign"
                     dynamics.warn("robot.negative-friction", text, key)
             friction = build_friction(float(values[0] or 0), float(values[1] or 0))
         limits = _read_limits(part, type_)
@@ -599,7 +599,7 @@ def build_axis(part: XmlPart, axis: Sequence[Decimal | Fraction], key: str, name
     x, y, z = (Fraction(value) for value in axis)
     turn, moved = geometry.build_axis_frame((x, y, z), snap=part.reading.snap)
     if moved > _ROUNDED:
-        text = f"{name} was moved to the nearest coordinate axis or plane, at (by rad) {{}}"
+        text = f"{name} was moved to a coordinate axis or plane, keep it by --snap 0, at (by rad) {{}}"
         part.group("robot.axis-snapped", text, f"{moved:.1e}", key)
     return turn
 
@@ -621,7 +621,7 @@ def _read_limits(joint: XmlPart, type_: str) -> Limits:
     largest: list[float | None] = []
     for key, value in zip(keys[2:], others, strict=True):
         if value is not None and value < 0:
-            text = f"limit {key} negative, taken as unknown, of joints {{}}"
+            text = f"limit {key} negative, so that none is kept; write it positive, of joints {{}}"
             part.group("robot.bad-limits", text, attribute=key)
         largest.append(float(value) if value and 0 < value < math.inf else None)
     limits = Limits(velocity=largest[0], torque=largest[1])
@@ -638,7 +638,7 @@ def _read_limits(joint: XmlPart, type_: str) -> Limits:
     low, high = (float(end or 0) for end in ends)
     if low >= high:
         if low or high:
-            text = f"limit: lower {low:g} is not less than upper {high:g}; not used"
+            text = f"limit: lower {low:g} is not less than upper {high:g}, so that none is kept; correct them"
             part.warn("robot.bad-limits", text, "lower")
         return limits
     if type_ == "revolute" and (doubt := explain_wide_limits(low, high)):

@@ -214,7 +214,7 @@ def _resolve_mimic(
         path.append(master)
         still = still or master in standing
         if master not in inside and not still:
-            text = "joints {}: the joint that they follow was cut off; they have a coordinate of their own"
+            text = "joints {}: the joint that they follow was cut off; log them as joints of their own"
             reading.group("robot.follower-free", text, f"'{joint.name}'", element)
             return None
     if not why and still:
@@ -276,7 +276,7 @@ def assemble_robot(
     for drive, part, stated in reading.couplings:
         if lost := [f"'{name}'" for name, _ in stated if name not in reached]:
             text = (
-                f"turns with joints that were cut off, {shorten_names(lost)}: it turns with the others alone"
+                f"turns without joints that were cut off, {shorten_names(lost)}; keep them by --base, --tip"
             )
             part.warn("robot.coupling-cut", text)
         terms = tuple((index[name], factor) for name, factor in stated if name in index and factor)
@@ -372,7 +372,7 @@ def _reduce_joints(
         if not joint.moves or (follower and follower.master is None):
             fixed.append(number)
         if inertial is None and known and joint.moves:
-            link.part.group("robot.massless", "links without <inertial>: {} have no mass")
+            link.part.group("robot.massless", "links without <inertial>: {} have no weight; add it")
             inertial = (0.0,) * 10
         mimic, spring = None, joint.spring
         if follower and follower.master is not None:
@@ -424,7 +424,7 @@ def _reduce_joints(
     for moving, moved, tilt in zip(reframed.joints, reframed.moved_by, reframed.tilts, strict=True):
         part = reading.joints[moving.name].part
         if moved > _ROUNDED:
-            text = "axes or link frames were moved to right angles or parallels, of joints (by rad) {}"
+            text = "frames moved to right angles or parallels, keep them by --snap 0, of joints (by rad) {}"
             part.group("robot.angle-snapped", text, f"{moved:.1e}")
         if tilt:
             text = "axes that are nearly parallel to the one before, of joints (by rad) {}: if they are "

@@ -28,7 +28,7 @@ import numpy as np
 from symid.arrays import FloatArray
 from symid.errors import Notice, RobotError
 from symid.joint_models import NO_FRICTION
-from symid.robot import geometry, urdf_parts, urdf_xml
+from symid.robot import geometry, inertia, urdf_parts, urdf_xml
 from symid.robot.description import Coupling, Joint, JointKind, Robot, SourceFile, Spring
 from symid.robot.inertia import build_pseudo_inertias, is_same_body, move_parameters, split_body, to_tensor
 from symid.robot.mjcf_reader import ORIENTATIONS, assemble_model, read_model, read_rotation
@@ -147,8 +147,8 @@ def _spread_change(
                 placed = geometry.compose_placements(
                     joint.origin, joint.turn, shift, geometry.invert_placement(joint.turn)
                 )
-                members.append((reading.links[joint.child], pose @ _to_pose(placed)))
-    frame = _to_pose(changed.frame)
+                members.append((reading.links[joint.child], pose @ inertia.to_matrix(placed)))
+    frame = inertia.to_matrix(changed.frame)
     for link, pose in members[1:]:
         # The frame of the last joint is that of the tip, where this is fixed to its link.
         if link.name == tip:
@@ -172,13 +172,6 @@ def _spread_change(
         parameters = (*tensor[np.triu_indices(3)].tolist(), *matrix[3].tolist())
         found.append((link, move_parameters(parameters, turn, -turn @ pose[:3, 3])))
     return found
-
-
-def _to_pose(placement: geometry.Placement) -> FloatArray:
-    pose = np.eye(4)
-    pose[:3, :3] = geometry.to_floats(placement)
-    pose[:3, 3] = [entry.to_float() for entry in placement.translation]
-    return pose
 
 
 def _factorise(matrix: FloatArray) -> FloatArray | None:

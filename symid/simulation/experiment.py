@@ -217,7 +217,7 @@ def describe_saturation(robot: Robot, torque: FloatArray, limit: FloatArray) -> 
     """Return a notice for each joint that reached its limit (n,) with `torque` (N, n)."""
     shares = zip(robot.axes, np.mean(np.abs(torque) >= limit, axis=0).tolist(), strict=True)
     texts = (
-        f"joint {joint.name!r} was at its torque limit during {100 * share:.1f} % of the run"
+        f"joint {joint.name!r} was at its torque limit during {100 * share:.1f} % of the run; slow down"
         for joint, share in shares
         if share
     )
@@ -478,8 +478,8 @@ def _complete_controller(
         f"the bandwidth of the controller {change}, with gains of the lowest inertia along the motion in "
         f"place of the mean, and of viscous friction, {result}: the inertia that joint {name!r} feels, "
         f"{lowest[joint]:.2g} to {inertias[:, joint].max():.2g} kg m^2 or kg, varies most, and its stiffness "
-        f"is {after:.3g} instead of {before:.3g} N m/rad or N/m. A shorter --period allows more; --bandwidth "
-        "or --stiffness and --damping set other gains"
+        f"is {after:.3g} instead of {before:.3g} N m/rad or N/m. Shorten --period for more, or set "
+        "--bandwidth, or --stiffness and --damping"
     )
     return found, bandwidth, (Notice(code="simulate.bandwidth", text=text),)
 

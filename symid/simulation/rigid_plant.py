@@ -740,7 +740,7 @@ def find_compiled_plant(
             plant, reason = None, str(error)
         if plant is not None:
             return plant, plant.notices
-    text = f"{reason}: the {kind} robot is simulated in NumPy, with the same numbers but many times slower"
+    text = f"{reason}: the {kind} robot is simulated in NumPy, many times slower; see `symid doctor`"
     return None, (Notice(code="simulate.slow-plant", text=text),)
 
 

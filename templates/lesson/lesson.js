@@ -638,7 +638,7 @@ widget("sides", (node) => {
 // Exercises: typed formulas are compared with the answer at random points.
 const drawPoint = () => {
   const v = computeValues(state.q.map(() => 4 * Math.random() - 2), state.q.map(() => 4 * Math.random() - 2));
-  for (const name of [...Object.keys(D.values), ...Object.keys(D.standard)]) v[name] = 0.2 + Math.random();
+  for (const name of Object.keys(D.values)) v[name] = 0.2 + Math.random();
   for (const [name, formula] of LESSON_FORMULAS) v[name] = formula(v);
   return v;
 };
@@ -649,28 +649,18 @@ widget("exercises", (node) => LESSON_EXERCISES.forEach((one, place) => {
   box.append(prompt);
   const say = (right, text) => { verdict.textContent = text || tr(right ? "right" : "not yet"); verdict.className = `verdict ${right ? "right" : "wrong"}`; };
   const button = make("button", { type: "button" }, "check");
-  if (one.options) {
-    one.options.forEach((option) => {
-      const input = make("input", { type: "radio", name: `exercise-${place}`, value: option.text, style: "width: auto", "aria-label": plain(option.text.replaceAll("$", "")) }), label = make("label", {}, input, " ");
-      option.text.split("$").forEach((part, k) => label.append(k % 2 ? tex(part) : part));
-      box.append(label);
-    });
-    button.addEventListener("click", () => { const chosen = box.querySelector("input:checked"); if (chosen) say(one.options.find((option) => option.text === chosen.value).right); });
-  } else {
-    const input = make("input", { type: "text", "aria-label": `Answer ${place + 1}`, autocomplete: "off", spellcheck: "false" });
-    box.append(input, " ");
-    // What the answer shows behind it may be typed too: a unit, or ": " and a reason.
-    const words = one.note && one.note.trim().split(/\s+/).map((x) => x.replace(/[^\w\s]/g, "\\$&")).join("\\s*");
-    const bare = () => words ? input.value.replace(new RegExp(`\\s*${one.number === undefined ? ":" : ""}\\s*${words}\\s*$`), "") : input.value;
-    const check = () => {
-      try { say(one.number === undefined ? compareFormula(bare(), one.formula, LESSON_FORMULAS, drawPoint, D.reading, tr) : Math.abs(evaluateNumber(readFormula(bare(), D.reading, tr), D.values, tr) - one.number) <= 0.01 * Math.max(0.01, Math.abs(one.number))); } catch (error) { say(false, error.message); }
-    };
-    button.addEventListener("click", check);
-    input.addEventListener("keydown", (event) => { if (event.key === "Enter") check(); });
-  }
+  const input = make("input", { type: "text", "aria-label": `Answer ${place + 1}`, autocomplete: "off", spellcheck: "false" });
+  box.append(input, " ");
+  // The unit that the answer shows behind it may be typed too.
+  const words = one.note && one.note.trim().split(/\s+/).map((x) => x.replace(/[^\w\s]/g, "\\$&")).join("\\s*");
+  const bare = () => words ? input.value.replace(new RegExp(`\\s*${words}\\s*$`), "") : input.value;
+  const check = () => {
+    try { say(one.number === undefined ? compareFormula(bare(), one.formula, LESSON_FORMULAS, drawPoint, D.reading, tr) : Math.abs(evaluateNumber(readFormula(bare(), D.reading, tr), D.values, tr) - one.number) <= 0.01 * Math.max(0.01, Math.abs(one.number))); } catch (error) { say(false, error.message); }
+  };
+  button.addEventListener("click", check);
+  input.addEventListener("keydown", (event) => { if (event.key === "Enter") check(); });
   const answer = make("details", {}, make("summary", {}, "Answer")), typed = make("p", {}, make("code", {}, one.answer));
-  if (one.latex) answer.append(make("p", {}, tex(one.latex)));
-  if (one.note) typed.append(one.number === undefined ? `: ${one.note}` : ` ${one.note}`);
+  if (one.note) typed.append(` ${one.note}`);
   answer.append(typed);
   box.append(button, verdict, answer);
   node.append(box);

@@ -1,6 +1,7 @@
 """What a command prints by default fits a terminal, says where the rest is, and -v prints all of it."""
 
 import re
+import shutil
 import time
 
 import pytest
@@ -27,6 +28,8 @@ def folder(tmp_path_factory, robots_folder):
             command = ["simulate", "arm.urdf", "-o", f"{seed}.npz", "--duration", "8", "--noise", "0.2"]
             assert run([*command, "--seed", seed, "-q"]) == 0
         assert run(["identify", "arm.urdf", "1.npz", "-o", "fit.json", "--estimator", "wls", "-q"]) == 0
+        shutil.copy("fit.json", "other.json")
+        assert run(["generate", "two_link", "-o", "code", "-q"]) == 0
     return root
 
 
@@ -41,6 +44,10 @@ COMMANDS = (
     *("check arm.urdf", "base arm.urdf", "check arm.urdf 1.npz", "validate arm.urdf fit.json 2.npz"),
     "identify arm.urdf 1.npz --estimator wls --cutoff 40 --force -o out.json",
     "identify arm.urdf 1.npz --rows friction --model coulomb-viscous --force -o law.json",
+    *("new arm.toml --from-urdf arm.urdf --force", "generate two_link -o code", "doctor"),
+    *("simulate two_link --duration 2 --force -o two.npz", "export arm.urdf fit.json --force -o found.urdf"),
+    *("compare arm.urdf fit.json other.json", "report fit.json --force -o page.html"),
+    "plot arm.urdf 1.npz --force -o plot.html",
 )
 
 

@@ -30,7 +30,7 @@ FIT_WARNINGS = {
     ),
     "identify.low-cutoff": (
         "the low-pass of the positions at {cutoff:g} Hz damps accelerations that decimation passes (up to "
-        "{kept:.3g} Hz). Raise processing.filter_cutoff to {least:.3g} Hz or more, or decimate further"
+        "{kept:.3g} Hz), which biases inertias. Raise processing.filter_cutoff to {least:.3g} Hz, or decimate"
     ),
     "identify.pattern": (
         "the residuals are correlated: the standard deviations of {names} are up to {ratio:.2g} times too "
@@ -40,7 +40,7 @@ FIT_WARNINGS = {
     "friction.pattern": (
         "the residuals are correlated: the standard deviations of {names} are up to {ratio:.2g} times too "
         "small. The friction law is incomplete, the filter smooths the reversal, or the decimation is too "
-        "low (--decimate)"
+        "low: try --model auto, or a larger --decimate"
     ),
     "identify.impossible-mass": (
         "the identified mass matrix is not positive definite at {bad} of {poses} poses of the logs, which "
@@ -49,7 +49,7 @@ FIT_WARNINGS = {
     ),
     "identify.poorly-identifiable": (
         "poorly identifiable (standard deviation above {percent:g} %): {names}. They matter little in these "
-        "logs, or need a motion that excites them more"
+        "logs; if their values count, record motions that excite them (`symid excite`)"
     ),
     "elastic.poorly-identifiable": (
         "poorly identifiable (standard deviation above {percent:g} %): {names}. Fast motions separate rotor "

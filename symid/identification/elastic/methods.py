@@ -389,7 +389,7 @@ def choose_fit(work: ElasticEquations, fits: Sequence[estimate.MethodFit]) -> Me
     found = {fit.method: find_contradiction(work, fit) for fit in usable}
     kept = [fit for fit in usable if not found[fit.method][0]]
     notices = [
-        Notice(code="elastic.contradiction", text=f"the method {method} was left out of the choice: {why}")
+        Notice(code="elastic.contradiction", text=f"{why}: {method} is not chosen; name it to have it")
         for method, (why, _) in found.items()
         if why and kept
     ]

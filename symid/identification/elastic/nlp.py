@@ -410,7 +410,7 @@ def fit_nlp(
 
 def _list_notices(run: NlpRun, card: ModelCard, layout: NlpLayout) -> Iterator[Notice]:
     if not run.converged:
-        text = f"nlp did not converge: {run.reason}; parameters and springs are those of its last point"
+        text = f"nlp did not converge: {run.reason}; its last point may be far off, try other methods"
         yield Notice(code="elastic.nlp-not-converged", text=text)
     # Dynamic parameters with one bound are known, and rigid joints have no spring.
     places = [*range(layout.dynamics.stop), *(entry.weights.start for entry in layout.springs)]
@@ -425,13 +425,13 @@ def _list_notices(run: NlpRun, card: ModelCard, layout: NlpLayout) -> Iterator[N
     for name, value in run.certificate.active:
         # Zero is a bound of nature; all others are ours.
         if value != 0.0:
-            text = f"{name} is at its limit of {value:g}: the logs do not determine it"
+            text = f"{name} is at its limit of {value:g}: the logs do not determine it; record larger motions"
             yield Notice(code="elastic.nlp-limit", text=text)
     # No parameter of the model states Stribeck friction.
     for joint, excess, speed in zip(card.joints, run.x[layout.excess], run.x[layout.speed], strict=False):
         found = (
             f"Fs = {excess:.4g} {joint.torque_unit}, vs = {speed:.4g} {joint.position_unit}/s; "
-            "predictions by the result leave it out"
+            "predictions leave it out; state such a law to keep it"
         )
         text = f"joint {joint.name!r}: Stribeck friction on top of the model's: "
         yield Notice(code="elastic.stribeck", text=text + (found if excess > 0.0 else "none"))

@@ -24,6 +24,7 @@ from symid.errors import EstimateError, Notice, UsageError
 from symid.identification.judge import POLICY
 from symid.identification.regression import ROW_KINDS
 from symid.joint_models import FrictionValues, rename_law
+from symid.notation import MOUNTING
 from symid.robot import Processing
 from symid.serialization import HIDDEN, Finite, name_key
 
@@ -260,7 +261,7 @@ SIGNIFICANT = POLICY.printed
 class Outcome(Enum):
     """How a fit ended; the value is the explanation."""
 
-    SOLVED = "all parameters were identified"
+    SOLVED = "all identifiable parameters have values"
     SOME_REFUSED = "some parameters are not identifiable from these logs and were left out"
 
 
@@ -496,6 +497,13 @@ class Estimate(DynamicsRecord):
     choice: SettingsChoice | None = None
     evidence: Evidence | None = None
     motion: tuple[tuple[float, ...], ...] = field(default=(), metadata=HIDDEN)
+
+    @property
+    def ending(self) -> str:
+        """Return how the fit ended, and how many of the values are weak."""
+        own = [entry for entry in self.parameters if entry.reason != MOUNTING]
+        weak = sum(entry.relative_std_percent > POLICY.uncertain for entry in own)
+        return self.outcome.value + f"; {weak} of {len(own)} are poorly identifiable" * bool(weak)
 
     @property
     def besides(self) -> frozenset[str]:

@@ -257,8 +257,8 @@ def identify_friction(
             reasons.append(f"joint {entry.joint!r}, law {entry.estimate.law}: {listed}")
         periods = (notice for notice in notices if notice.code == _NOT_PERIODIC)
         raise IdentifiabilityError(*(Notice(code="friction.nothing", text=one) for one in reasons), *periods)
-    lost = (Notice(code="friction.joint-refused", text=f"no friction law: {reason}") for _, reason in refused)
-    notices += tuple(lost)
+    texts = (f"no friction law: {reason}; move it more" for _, reason in refused)
+    notices += tuple(Notice(code="friction.joint-refused", text=text) for text in texts)
     settings = {
         **(echo or {}),
         "processing": logs.processing,
@@ -355,10 +355,10 @@ def _identify_joint(
     warnings += [*_warn_of_smoothing(law), *regression.warn_of_load_gain(gain)]
     estimate = replace(estimate, notices=(*estimate.notices, *warnings))
     poses = compare_poses(logs, joint, law, beta=task.beta) if task.poses and not law.memory else None
-    texts = [
-        f"{held}: not in the comparison of poses: {why}" for held, why in (poses.skipped if poses else ())
+    skipped = [
+        Notice(code="friction.pose-skipped", text=f"{held}: poses not compared, move longer: {why}")
+        for held, why in (poses.skipped if poses else ())
     ]
-    skipped = [Notice(code="friction.pose-skipped", text=text) for text in texts]
     named = (replace(entry, text=f"joint {card.name!r}: {entry.text}") for entry in estimate.notices)
     found = JointFriction(
         estimate=estimate,
@@ -409,7 +409,7 @@ def _warn_of_smoothing(law: FrictionLaw) -> tuple[Notice, ...]:
     """Return a warning where smoothing has no effect on a law."""
     if not law.smoothing or has_sign(get_law(law.name)):
         return ()
-    text = f"--smoothing has no effect on law {law.name!r}, which is continuous at zero speed"
+    text = f"--smoothing has no effect on law {law.name!r}, which is continuous at zero speed; leave it out"
     return (Notice(code="friction.smoothing-unused", text=text),)
 
 
@@ -569,7 +569,7 @@ def _build_samples(
     if refused := [name for name, _ in estimate.refused if name in names]:
         text = (
             f"joint {entry.joint!r}: {', '.join(refused)} of its rigid part are not identifiable; the "
-            "prediction holds only for motions like those that were fitted"
+            "prediction holds only for motions like those that were fitted; fit logs that excite more"
         )
         return samples, (Notice(code="validate.friction-beside", text=text),)
     acting = {column.name for column in rigid if column.values.any()}
@@ -609,13 +609,13 @@ def _choose_rows(
         text = (
             f"joint {entry.joint!r}: {', '.join(refused)} are not identifiable, so the law holds only at the "
             f"speeds that were fitted; {int(np.sum(moving & ~inside))} of {len(kept)} samples at others were "
-            "left out"
+            "left out; fit logs with these speeds"
         )
         return kept, (Notice(code="validate.friction-refused", text=text),)
     if beyond := int(np.sum(moving & far)):
         text = (
             f"joint {entry.joint!r}: {beyond} of {len(kept)} samples are faster than those fitted, or in "
-            "another direction: the law is extrapolated there"
+            "another direction: the law is extrapolated there; fit logs with these speeds"
         )
         return kept, (Notice(code="validate.friction-range", text=text),)
     return kept, ()

@@ -490,7 +490,7 @@ def _write_estimate(
     aicc, bic = joint_fit.compute_criteria(objective, rows, unknowns)
     counted = [*range(p + s), *range(p + s + len(bristles), len(values))]
     covariance = moves[:, counted].T @ moves[:, counted]
-    texts = [f"{name} is not identifiable: {reason}" for name, reason in refused.items()]
+    texts = [f"{name} was left out: {reason}; record more reversals" for name, reason in refused.items()]
     return FrictionEstimate(
         joint=samples.joint,
         law=law.name,

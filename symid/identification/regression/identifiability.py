@@ -319,7 +319,7 @@ def analyse_condensed(
         refused.append((names[index], reason))
     if not identifiable.any():
         raise _refuse_all("; ".join(f"{name}: {reason}" for name, reason in refused))
-    texts = [f"parameter {name} was left out: {reason}" for name, reason in refused]
+    texts = [f"parameter {name} was left out: {reason}; move it on its own" for name, reason in refused]
     basis = np.where(spectrum.lengths > 0.0, spectrum.scales, 0.0)[:, None] * spectrum.directions[found].T
     return Identifiability(
         basis=freeze(basis),

@@ -201,7 +201,8 @@ def check_channels(log: StudiedLog, library: Library, robot: Robot) -> LogCheck:
         )
         notices += (Notice(code=cause.code, text=text, file=file),)
     elif found:
-        text = f"one of these would explain the residual: {'; or '.join(entry.cause for entry in found)}"
+        text = "; or ".join(entry.cause for entry in found)
+        text = f"one of these would explain the residual, and the log does not tell which; check: {text}"
         notices += (Notice(code="log.several-causes", text=text, file=file),)
     odd = [entry for entry in signs if entry.implausible]
     if odd and not notices:

@@ -147,7 +147,7 @@ def get_usable_window(
     longer = 2.0 * recording.period * pieces
     text = (
         f"the windows of the fit ({window:g} s) are too short for a sample period of {recording.period:g} s: "
-        f"windows of {longer:g} s are used, whose residual cannot be compared with that of the fit"
+        f"those of {longer:g} s have another residual than the fit; log as fast as for it"
     )
     notice = Notice(code="validate.longer-windows", text=text, file=recording.source)
     return longer, (notice,)

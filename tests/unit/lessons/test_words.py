@@ -1,5 +1,6 @@
 """Lessons in German: every fixed sentence is in the table, and a sheet is marked in its language."""
 
+import json
 import re
 
 import pytest
@@ -113,7 +114,20 @@ def test_a_german_sheet_is_marked(tmp_path, capsys):
     sheet.write_text(text, encoding="utf-8")
     capsys.readouterr()
     assert run(["derive", "two_link", "--check", str(sheet)]) == 0
-    assert "6 of 6 right" in capsys.readouterr().out
+    told = capsys.readouterr().out
+    assert "6 von 6 richtig" in told
+    assert "als Polynome gleich" in told
+    robot = symid.load("two_link")
+    assert "equal as polynomials" in str(robot.check_answers(sheet, lang="en"))
+    english = robot.write_lesson(tmp_path / "lesson.html", exercises=4, seed=2).sheet
+    typed = english.read_text(encoding="utf-8").replace("answer 1 =", "answer 1 = a2 +")
+    english.write_text(typed.replace("answer 2 =", "answer 2 = 0"), encoding="utf-8")
+    assert run(["derive", "two_link", "--check", str(english), "--lang", "de", "--json"]) == 1
+    answer = json.loads(capsys.readouterr().out)
+    assert [entry["mark"] for entry in answer["result"]["answers"]][:2] == ["unreadable", "wrong"]
+    assert answer["result"]["answers"][0]["note"] == "die Formel ist nicht zu Ende"
+    assert answer["errors"][0]["text"] == "4 von 4 Antworten sind nicht richtig"
+    assert "nicht lesbar" in str(robot.check_answers(english, lang="de"))
 
 
 def test_a_document_has_exercises_in_its_language(tmp_path):

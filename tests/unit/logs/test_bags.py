@@ -153,7 +153,7 @@ def test_joints_are_found_by_name_whatever_their_order_and_beginning(
     recording = read_recording(write_bag(renamed), make_robot())
     np.testing.assert_array_equal(recording.torque, columns["tau"])
     text = tell(recording.notices)["log.joint-names"]
-    assert "'fer_joint1' is 'joint1', 'fer_joint2' is 'joint2'; is it this robot?" in text
+    assert "'fer_joint1' is 'joint1', 'fer_joint2' is 'joint2'; check that it is" in text
 
 
 def test_messages_with_a_part_of_the_joints_or_of_the_values(make_robot, columns, messages, write_bag):

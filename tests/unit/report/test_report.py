@@ -12,6 +12,7 @@ from symid.identification.rigid.validation import validate_estimate
 from symid.report import pages
 from symid.report.blocks import split_sections
 from symid.report.figures import TIME, Line, build_line_figure, thin_line
+from symid.report.fit_text import show_estimate
 from symid.report.identification_page import build_identification_page
 from symid.report.verdict import judge_identification
 from symid.robot.description import Processing
@@ -251,3 +252,12 @@ def test_sections_have_addresses_of_their_own():
     assert [section.anchor for section in sections] == ["begin-2", "one-a-b", "one-a-b-2", "begin-3"]
     assert [section.title for section in sections] == ["", "One: a & b", "one a b", "\N{DEGREE SIGN}"]
     assert "<h3>below</h3>" in sections[2].body
+
+
+def test_the_headline_counts_weak_values(result):
+    estimate, _ = result
+    first, *others = (replace(entry, std=0.01 * abs(entry.value)) for entry in estimate.parameters)
+    weak = replace(first, std=abs(first.value))
+    sound, poor = (replace(estimate, parameters=(one, *others)) for one in (first, weak))
+    assert show_estimate(sound)[0].endswith("all identifiable parameters have values")
+    assert show_estimate(poor)[0].endswith(f"; 1 of {len(others) + 1} are poorly identifiable")

@@ -13,6 +13,7 @@ from symid.errors import Notice
 from symid.report.drawings import draw_log, draw_robot, place_arm
 from symid.report.result_pages import judge_check, judge_comparison, judge_payload
 from symid.robot import load_robot, name_for_commands
+from symid.robot.mjcf_reader import parse_xml_robot
 
 
 @pytest.fixture(scope="module")
@@ -133,11 +134,43 @@ def test_frames_of_the_skeleton_are_those_of_the_kinematics():
     assert high[:3, 3] - low[:3, 3] == pytest.approx(0.2 * low[:3, 2])
 
 
+@pytest.fixture
+def tool_arm():
+    joint = (
+        '<joint name="{0}" type="{1}"><parent link="{2}"/><child link="{3}"/><origin xyz="{4}"/>{5}</joint>'
+    )
+    parts = [
+        '<link name="base"/><link name="l1"/><link name="tool0"/>',
+        joint.format("j1", "revolute", "base", "l1", "0 0 0.5", '<axis xyz="0 0 1"/>'),
+        joint.format("hold", "fixed", "l1", "tool0", "0.2 0 0", ""),
+    ]
+    return parse_xml_robot(f'<robot name="arm">{"".join(parts)}</robot>', "arm.urdf")
+
+
 @pytest.mark.parametrize("name", ["scara", "panda", "quadruped", "two_link_symbols", "two_arms", "ppr"])
 def test_every_kind_of_robot_is_drawn(name):
     drawing = draw_robot(load_robot(name))
     assert drawing.svg.count("frame-z") == load_robot(name).size
     assert drawing.caption.startswith(f"Where are the joints of {name}? ")
+    # Labels lie in the figure, and no two over each other.
+    pattern = r'<text x="([-\d.]+)" y="([-\d.]+)" text-anchor="(start|end)">(.+?)</text>'
+    boxes = []
+    for x, y, anchor, text in re.findall(pattern, drawing.svg):
+        left = float(x) - 7.2 * len(text) * (anchor == "end")
+        assert not any(
+            left < right and start < left + 7.2 * len(text) and abs(float(y) - other) < 15.0
+            for start, right, other in boxes
+        ), text
+        boxes.append((left, left + 7.2 * len(text), float(y)))
+        assert min(boxes[-1]) >= 0.0
+
+
+def test_a_tool_that_is_fixed_to_the_last_link_is_drawn(tool_arm):
+    """The frame of tool0 stands 0.2 m along x of the last link, which is turned by 90 degrees."""
+    links, frames = place_arm(tool_arm, [math.pi / 2])
+    assert len(links) == 2
+    np.testing.assert_allclose(links[1], [[0.0, 0.0, 0.0], [0.0, 0.0, 0.5], [0.0, 0.2, 0.5]], atol=1e-12)
+    assert len(frames) == 1
 
 
 def test_marks_of_a_log_are_what_its_check_found(robot, log):

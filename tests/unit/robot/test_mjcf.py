@@ -179,7 +179,7 @@ def test_bodies_without_any_inertia_are_unknown():
 FORCES, UNUSED = "robot.mjcf-forces", "robot.mjcf-unused"
 SHARED = "<tendon><fixed stiffness='3'><joint joint='j' coef='1'/></fixed></tendon>"
 SKEW = "<inertial pos='0 0 0' mass='1' diaginertia='1 1 3'/>"
-TURNED = "euler was moved to the nearest multiple of pi/2, of bodies (by rad) 'b' (1.7e-06)"
+TURNED = "euler was moved to a multiple of pi/2, keep it by --snap 0, of bodies (by rad) 'b' (1.7e-06)"
 
 
 @pytest.mark.parametrize(

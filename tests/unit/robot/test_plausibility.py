@@ -76,12 +76,12 @@ def use_millimetres(link, _):
 # What is done to links, whether to all, the words that name it, and the least share in which it is seen and
 # named. Signs of products of inertia rarely leave an impossible body: nothing shows them.
 SLIPS = {
-    "masses in g": (scale(1e3, 1), True, "masses in g", 1.0, 1.0),
-    "mass of one link in g": (scale(1e3, 1), False, "are these grams", 0.9, 0.9),
+    "masses in g": (scale(1e3, 1), True, "masses are in g", 1.0, 1.0),
+    "mass of one link in g": (scale(1e3, 1), False, "not grams", 0.9, 0.9),
     "inertias in g mm^2": (scale(1, 1e9), True, "in g mm^2", 1.0, 0.9),
     "inertias in kg mm^2": (scale(1, 1e6), False, "kg mm^2", 1.0, 0.9),
     "g and g mm^2": (scale(1e3, 1e9), True, "g mm^2 beside masses in g", 1.0, 0.9),
-    "lengths in mm": (use_millimetres, True, "lengths are in m", 1.0, 1.0),
+    "lengths in mm": (use_millimetres, True, "lengths in m", 1.0, 1.0),
     "diagonal first": (reorder((0, 3, 5, 1, 2, 4)), True, "in the order xx yy zz xy xz yz", 1.0, 0.9),
     "row by row below the diagonal": (reorder((0, 1, 3, 2, 4, 5)), True, "in the order xx xy yy", 0.9, 0.8),
     "a minus before a moment": (turn_sign, False, "without the minus", 1.0, 1.0),
@@ -136,8 +136,8 @@ def test_sound_arms_stay_quiet():
 @pytest.mark.parametrize(
     ("mass", "inertia", "words"),
     [
-        (1e30, 1.0, "more than any robot's; a placeholder"),
-        (2e6, 1.0, "are these grams"),
+        (1e30, 1.0, "torques are too large; correct it"),
+        (2e6, 1.0, "not grams"),
         (1e-5, 1.0, "radius of gyration"),
         (1e-3, 1e-3, "radius of gyration"),
         (0.2, 50.0, "radius of gyration"),

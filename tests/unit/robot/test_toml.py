@@ -284,12 +284,12 @@ REMARKS = [
     (
         "robot.long-length",
         LINK + "com = [0, ^115, 0], inertia = { xx = 1, yy = 1, zz = 1 } }",
-        "com: 115 m is long",
+        "com: 115 m is too long",
     ),
     (
         "robot.implausible-body",
         "link = ^{ mass = 2e6, inertia = { xx = 1, yy = 1, zz = 1 } }",
-        "are these grams?",
+        "write kg, not grams",
     ),
     (NEGATIVE, 'friction = { model = "coulomb-viscous", Fv = ^-1, Fc = 1 }', "Fv: -1 drives"),
     ("robot.transmission-gear", "drive = { gear = 50 }\n[log]\ntransmission = [[^40]]", "motor 1 turns 40 "),

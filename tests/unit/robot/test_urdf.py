@@ -263,7 +263,7 @@ REMARKS = [
     (build(TWO, "abc", NOBODY), UNUSED, "not in the"),
     (write_one(LIMIT.format('lower="2" upper="1"'), "revolute"), LIMITS, "lower 2 "),
     (write_one(LIMIT.format('lower="-3" upper="3"')), UNUSED, "<limit> of a continuous"),
-    (write_one('<limit effort="0" velocity="-2"/>'), LIMITS, "limit velocity negative, taken as unknown"),
+    (write_one('<limit effort="0" velocity="-2"/>'), LIMITS, "limit velocity negative, so that none is kept"),
     (write_one('<limit lower="-inf" upper="0.1"/>', "prismatic"), ENDLESS, "infinite"),
     (write_one('<limit lower="0" upper="Infinity"/>', "prismatic"), ENDLESS, "arm.urdf:1:1"),
     (write_one('<dynamics damping="-1"/>'), "robot.negative-friction", "dynamics "),
