@@ -404,7 +404,6 @@ def _search(form: ElementForm, task: _Task, starts: Sequence[FloatArray]) -> Flo
 
     if starts[1:]:
         ranked = sorted(starts, key=lambda start: float(np.sum(_compute_errors(form, task, start) ** 2)))
-        # Most starts lead to the same shape.
         runs = [search(start, numerics.ROUNDS // STARTS) for start in ranked[:STARTS]]
         starts = [min(runs, key=lambda run: run[0])[1]]
     return search(starts[0], numerics.ROUNDS)[1]
@@ -826,8 +825,8 @@ def choose_spring(
     trials = [_fit_form(ElementForm(family=family), task, family.list_starts(data.path)) for family in tried]
 
     # Along all samples: a thin path misses small reversals.
-    parts = zip(path.split(), np.split(index, np.searchsorted(index, path.begins[1:])), strict=True)
-    tracks = [joint_models.PlayPath.build(part.position, own - own[0]) for part, own in parts]
+    pieces = zip(path.split(), np.split(index, np.searchsorted(index, path.begins[1:])), strict=True)
+    tracks = [joint_models.PlayPath.build(part.position, own - own[0]) for part, own in pieces]
 
     def predict(spring: joint_models.Elasticity) -> FloatArray:
         weights = spring_fit.read_weights(spring)

@@ -84,7 +84,6 @@ def compute_ramps(inner: FloatArray, weights: SpringWeights) -> FloatArray:
     further = np.copysign(np.inf, knees)
     further[:-1] = np.where(knees[:-1] * knees[1:] > 0.0, knees[1:], further[:-1])
     low, high = (pick(knees, further)[:, None] for pick in (np.minimum, np.maximum))
-    # Column by column, as all that is long here is stored.
     return np.asarray((np.clip(inner, low, high) - knees[:, None]).T)
 
 
