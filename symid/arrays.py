@@ -1,5 +1,6 @@
 """Names for arrays, and how products keep them: float64, row-major, read-only copies."""
 
+import math
 from dataclasses import fields
 from typing import Annotated, Any
 
@@ -45,6 +46,21 @@ def compute_triangle(matrix: FloatArray) -> FloatArray:
         matrix = np.vstack([compute_triangle(piece) for piece in pieces])
     packed = dgeqrf(np.array(matrix, order="F"), lwork=64 * size, overwrite_a=1)[0]
     return np.triu(packed[:size])
+
+
+def accumulate(steps: FloatArray, keep: float, length: int = 32) -> FloatArray:
+    """Return y_k = keep y_(k-1) + x_k (N, ...) of steps x (N, ...), from zero on; 0 <= `keep` <= 1."""
+    # By blocks, then what is left of those before: `scipy.signal` would take longer to load.
+    count, size = len(steps), math.prod(steps.shape[1:])
+    lags, blocks = np.subtract.outer(np.arange(length), np.arange(length)), -(-count // length)
+    sums = np.where(lags < 0, 0.0, np.power(keep, np.maximum(lags, 0))).T
+    own = np.zeros((size, blocks * length))
+    own[:, :count] = steps.reshape(count, size).T
+    own = own.reshape(size, blocks, length) @ sums
+    if blocks > 1:
+        before = accumulate(own[:, :-1, -1].T, keep**length).T
+        own[:, 1:] += before[..., None] * np.power(keep, np.arange(1.0, length + 1))
+    return own.reshape(size, -1)[:, :count].T.reshape(steps.shape)
 
 
 class FrozenArrays:

@@ -104,6 +104,7 @@ if TYPE_CHECKING:
         list_maxwell_elements as list_maxwell_elements,
     )
     from symid.joint_models.prandtl_ishlinskii import (
+        PlayPath as PlayPath,
         build_play_model as build_play_model,
         build_stops as build_stops,
         compute_branch as compute_branch,

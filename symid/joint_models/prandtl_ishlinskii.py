@@ -18,7 +18,7 @@ and its work and energy with knees. The closed-form loss of a cycle leaves knees
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -136,26 +136,47 @@ def invert_play_model(
     return PlayModel(weights=inverse.weights, thresholds=inverse.thresholds), image
 
 
-def compute_plays(
-    values: FloatArray, thresholds: FloatArray, memory: Memory = None, kept: slice = slice(None)
-) -> FloatArray:
+class PlayPath(NamedTuple):
+    """An input (N,) that plays follow: from one turn to the next each is a clamp of its state at the former.
+
+    `turns` (T,) are its values there, `own` (M,) those asked for, `former` (M,) the turn before each.
+    """
+
+    values: FloatArray
+    turns: FloatArray
+    own: FloatArray
+    former: NDArray[np.intp]
+
+    @classmethod
+    def build(cls, values: FloatArray, kept: slice | NDArray[np.intp] = slice(None)) -> "PlayPath":
+        """Return the path of an input (N,) for those samples that are `kept`, a slice or their places."""
+        turns = find_turns(values)
+        former = np.append(0, np.repeat(np.arange(len(turns) - 1), np.diff(turns)))
+        return cls(values, values[turns], values[kept], former[: len(values)][kept])
+
+    def follow(self, radii: FloatArray, memory: Memory = None) -> tuple[FloatArray, FloatArray]:
+        """Return the plays at the turns (T, m) and at the samples asked for (M, m), stored by columns."""
+        ends, edges = self.turns[:, None], radii[:, None]
+        state = np.zeros(radii.size) if memory is None else np.asarray(memory, dtype=np.float64)
+        begun = compute_clamps(ends - radii, ends + radii, state)
+        states = np.take(begun.T, self.former, axis=1)
+        np.maximum(self.own - edges, np.minimum(self.own + edges, states, out=states), out=states)
+        return begun, states.T
+
+    def follow_stops(self, radii: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """Return [x, E_1 .. E_m] of virgin stops at the turns (T, m + 1) and samples (M, m + 1), as above."""
+        begun, states = self.follow(radii)
+        whole = np.column_stack([self.turns, self.turns[:, None] - begun])
+        return whole, np.vstack([self.own, self.own - states.T]).T
+
+
+def compute_plays(values: FloatArray, thresholds: FloatArray, memory: Memory = None) -> FloatArray:
     """Return the plays (N, m) of an input (N,), exactly as sample after sample would give them.
 
-    `thresholds` (m,) are not negative, in the unit of the input; `memory` (m,) has the plays before the first
-    sample, None for zeros. Of long inputs only those samples need be filled in that are `kept`.
+    `thresholds` (m,) are not negative, of the input's unit; `memory` (m,): plays before, None for zeros.
     """
-    whole, radii = np.asarray(values, dtype=np.float64), np.asarray(thresholds, dtype=np.float64)
-    state = np.zeros(radii.size) if memory is None else np.asarray(memory, dtype=np.float64)
-    turns = find_turns(whole)
-    ends = whole[turns, None]
-    begun = compute_clamps(ends - radii, ends + radii, state)
-    if len(turns) == len(whole):
-        return np.asarray(begun[kept])
-    # On the way from one turn of the input to the next a play is a clamp of what it was at the former.
-    former = np.repeat(np.arange(len(turns) - 1), np.diff(turns))
-    column, states = whole[kept, None], np.asarray(begun[np.append(0, former)[kept]])
-    np.maximum(column - radii, np.minimum(column + radii, states, out=states), out=states)
-    return states
+    path = PlayPath.build(np.asarray(values, dtype=np.float64))
+    return path.follow(np.asarray(thresholds, dtype=np.float64), memory)[1]
 
 
 def find_turns(values: FloatArray) -> NDArray[np.intp]:
@@ -186,9 +207,8 @@ def compute_clamps(
     length = max(1, math.isqrt(count))
     blocks = -(-count // length)
     # Samples of one place in their blocks are contiguous: each pass of the loops works on one slab.
-    padding = ((0, blocks * length - count), (0, 0))
-    padded = (np.pad(bound, padding, mode="edge").reshape(blocks, length, -1) for bound in (lower, upper))
-    low_slabs, high_slabs = (np.ascontiguousarray(bound.transpose(1, 0, 2)) for bound in padded)
+    places = np.minimum(np.arange(length)[:, None] + length * np.arange(blocks), count - 1)
+    low_slabs, high_slabs = lower[places], upper[places]
     ends = np.stack([low_slabs[0], high_slabs[0]])
     for least, most in zip(low_slabs[1:], high_slabs[1:], strict=True):
         np.maximum(least, np.minimum(most, ends, out=ends), out=ends)
@@ -208,12 +228,7 @@ def compute_stop_basis(phi: FloatArray, thresholds: FloatArray, kept: slice = sl
 
     Of those samples that are `kept`.
     """
-    phi = np.asarray(phi, dtype=np.float64)
-    plays, own = compute_plays(phi, thresholds, kept=kept), phi[kept, None]
-    basis = np.empty((len(own), plays.shape[1] + 1))
-    basis[:, :1] = own
-    np.subtract(own, plays, out=basis[:, 1:])
-    return basis
+    return PlayPath.build(np.asarray(phi, dtype=np.float64), kept).follow_stops(thresholds)[1]
 
 
 def compute_play_output(model: PlayModel, values: FloatArray, memory: Memory = None) -> FloatArray:

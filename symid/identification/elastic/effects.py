@@ -47,7 +47,7 @@ from symid.identification.elastic.regression import (
     pass_band,
 )
 from symid.identification.estimators import FittedLaw
-from symid.identification.hysteresis import STEP, differentiate_spring
+from symid.identification.hysteresis import SAMPLES, STEP, differentiate_spring
 from symid.identification.judge import POLICY, Gain, adjust_chances, compare, numerics
 from symid.identification.regression import solve_scaled
 from symid.joint_models import (
@@ -591,6 +591,9 @@ def measure_eccentricity(library: Library, signals: Sequence[ElasticSignals], be
         if turned or library.card.joints[joint].kind != "revolute":
             continue
         # Waves are as long as the motion, and springs answer with all they have: they are fitted each time.
+        every = max(1, sum(len(part.theta[part.kept]) for part in rows) // SAMPLES)
+        kept = [slice(part.kept.start, part.kept.stop, every * part.kept.step) for part in rows]
+        few = [part._replace(kept=own) for part, own in zip(rows, kept, strict=True)]
         size = max(float(np.std(part.phi)) for part in rows)
 
         def leave(
@@ -607,7 +610,7 @@ def measure_eccentricity(library: Library, signals: Sequence[ElasticSignals], be
         before = leave(np.zeros(2))
         level = float(np.sqrt(np.mean(np.concatenate(before) ** 2))) or 1.0
         fit = scipy.optimize.least_squares(
-            lambda values, leave=leave, level=level: np.concatenate(leave(values)) / level,
+            lambda values, leave=leave, few=few, level=level: np.concatenate(leave(values, few)) / level,
             np.zeros(2),
             diff_step=STEP,
             x_scale=0.1,

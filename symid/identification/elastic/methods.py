@@ -23,7 +23,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray
+from symid.arrays import FloatArray, compute_triangle
 from symid.codegen import Library
 from symid.errors import Notice
 from symid.identification.elastic import effects as drive_effects, elimination, estimate, regression, together
@@ -301,13 +301,14 @@ def build_candidate(work: ElasticEquations, fit: estimate.MethodFit) -> MethodCa
     if fit.method == "linear-spring":
         # Its springs are linear too, and are fitted with the dynamics.
         work_of_springs = work.problem.compute_stop_work([np.zeros(0)] * card.size)
-        whole = np.hstack([rows.design, work_of_springs])
-        rows = together.LinearRows(whole, work.problem.supplied, rows.time)
-    folds = assign_parts(rows.time, POLICY.folds)
+        design = np.hstack([rows.design, work_of_springs])
+        rows = together.LinearRows(design, work.problem.supplied, rows.time)
+    folds, whole = assign_parts(rows.time, POLICY.folds), np.column_stack([rows.design, rows.right])
+    triangles = [compute_triangle(whole[folds == fold]) for fold in range(POLICY.folds)]
 
     def refit(fold: int) -> FloatArray:
-        kept = folds != fold
-        return offset + regression.solve_with_signs(card, rows.design[kept], rows.right[kept], known)[:count]
+        left = np.concatenate([part for place, part in enumerate(triangles) if place != fold])
+        return offset + regression.solve_with_signs(card, left[:, :-1], left[:, -1], known)[:count]
 
     return MethodCandidate(refit, spread)
 

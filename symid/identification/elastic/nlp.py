@@ -76,7 +76,7 @@ class Certificate:
     curvature: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False)
 class NlpRun(FrozenArrays):
     """One run: (x,) unknowns in SI units, f, and how it ended."""
 
@@ -105,8 +105,8 @@ def optimise_nlp(
 ) -> NlpRun:
     """Return the optimum next to `start` (x,), with its certificate; a start outside the bounds is clipped.
 
-    Unknowns are in SI units, `scales` (x,) in SI units per scaled unknown. From a start that is `near`, Ipopt
-    begins with a small barrier, and anew with its own where it does not converge; the better run counts.
+    Unknowns are in SI units, `scales` (x,) in SI units per scaled one. From a start that is `near`, Newton
+    steps mostly do; else Ipopt begins with a small barrier, and anew with its own, and the better run counts.
     """
     layout, state = cost.layout, keep_last(cost.compute_state)
 
@@ -122,15 +122,19 @@ def optimise_nlp(
         upper=layout.upper,
     ).scale(scales)
     begin = np.clip(start, layout.lower, layout.upper) / scales
+    if near:
+        x = np.clip(_polish(scaled, begin) * scales, layout.lower, layout.upper)
+        certificate = compute_certificate(cost, x, scales)
+        if certificate.kkt <= _TOLERANCE and certificate.curvature > 0.0:
+            return NlpRun(
+                x, cost.compute_value(state(x)), Ending.CONVERGED, Ending.CONVERGED.value, certificate
+            )
     ipopt = IpoptOptions(tolerance=_TOLERANCE, iterations=options.iterations)
     run = minimise(scaled, begin, replace(ipopt, barrier=ipopt.tolerance) if near else ipopt)
     if near and run.outcome is not Ending.CONVERGED:
-        again = minimise(scaled, begin, ipopt)
-        ranks = [
-            (one.outcome is not Ending.CONVERGED, not one.outcome.usable, scaled.value(one.x))
-            for one in (run, again)
-        ]
-        run = run if ranks[0] <= ranks[1] else again
+        runs = run, minimise(scaled, begin, ipopt)
+        endings = [(one.outcome is not Ending.CONVERGED, not one.outcome.usable) for one in runs]
+        run = runs[min((0, 1), key=lambda place: (*endings[place], scaled.value(runs[place].x)))]
     outcome, reason = run.outcome, run.reason
     x = np.clip(_polish(scaled, run.x) * scales, layout.lower, layout.upper)
     certificate = compute_certificate(cost, x, scales)
@@ -139,8 +143,7 @@ def optimise_nlp(
         reason = (
             f"Ipopt reports success, but the residual of the optimality conditions is {certificate.kkt:.1e}"
         )
-    value = cost.compute_value(cost.compute_state(x))
-    return NlpRun(x=x, objective=value, outcome=outcome, reason=reason, certificate=certificate)
+    return NlpRun(x, cost.compute_value(state(x)), outcome, reason, certificate)
 
 
 def compute_certificate(cost: ElasticNlpCost, x: FloatArray, scales: FloatArray) -> Certificate:
@@ -291,12 +294,12 @@ def compute_place_slopes(
     setting: NlpSetting, cost: ElasticNlpCost, x: FloatArray, places: Sequence[NlpPlace]
 ) -> list[list[FloatArray]]:
     """Return the derivatives of all residuals (M_b,) of every block by each place."""
-    before, slopes = cost.compute_state(x).residuals, []
+    before, slopes = {joint: cost.compute_spring(x, joint) for joint in {place.joint for place in places}}, []
     for place in places:
         grids = (setting.knees or ()) if place.knee else setting.thresholds
         step = STEP * abs(float(grids[place.joint][place.index]))
-        moved = _rebuild(cost, setting.shift([place], np.array([step]))).compute_state(x).residuals
-        slopes.append([(after - now) / step for after, now in zip(moved, before, strict=True)])
+        moved = _rebuild(cost, setting.shift([place], np.array([step]))).compute_spring(x, place.joint)
+        slopes.append([(now - after) / step for after, now in zip(moved, before[place.joint], strict=True)])
     return slopes
 
 

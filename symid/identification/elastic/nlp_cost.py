@@ -38,7 +38,7 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from symid import joint_models
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, accumulate, freeze
 from symid.codegen import ModelCard
 from symid.identification.elastic import regression
 from symid.identification.elastic.estimate import STRETCHES
@@ -51,7 +51,8 @@ from symid.identification.judge import numerics
 class StepSums:
     """A linear map from step means (N - 1, ...) to rows (M, ...), with its adjoint.
 
-    `inflow` (M, N - 1), sparse, is what comes in between two rows; of a row `kept` is left in the next.
+    `inflow` (M, N - 1), sparse, is what comes in between two rows; of a row `kept` is left in the next. Rows
+    of which nothing is left are windows of equal length, one after the other.
     """
 
     inflow: scipy.sparse.csr_array
@@ -59,15 +60,19 @@ class StepSums:
 
     def add(self, steps: FloatArray) -> FloatArray:
         """Return the rows of step means."""
-        rows = self.inflow @ steps.reshape(len(steps), -1)
+        columns = steps.reshape(len(steps), -1)
         if self.kept:
-            rows = scipy.signal.lfilter([1.0], [1.0, -self.kept], rows, axis=0)
-        return np.asarray(rows).reshape(-1, *steps.shape[1:])
+            rows = accumulate(self.inflow @ columns, self.kept)
+        else:
+            weights, first = self.inflow.data.reshape(self.inflow.shape[0], -1), int(self.inflow.indices[0])
+            parts = columns.T[:, first : first + weights.size].reshape(columns.shape[1], *weights.shape)
+            rows = np.einsum("ij,kij->ik", weights, parts)
+        return rows.reshape(len(rows), *steps.shape[1:])
 
     def spread(self, rows: FloatArray) -> FloatArray:
         """Return the steps (N - 1,) that the adjoint makes of rows (M,)."""
         if self.kept:
-            rows = scipy.signal.lfilter([1.0], [1.0, -self.kept], rows[::-1])[::-1]
+            rows = accumulate(rows[::-1], self.kept)[::-1]
         return np.asarray(self.inflow.T @ rows)
 
     def mask(self, counted: NDArray[np.bool_]) -> "StepSums":
@@ -139,27 +144,26 @@ def build_knee_steps(basis: FloatArray, weights: FloatArray, knees: Sequence[tup
     """
     torque = basis @ weights
     slots = 1 + max((slot for _, slot in knees), default=-1)
-    means, starts, ends = np.zeros((3, len(torque) - 1, slots))
+    means, starts, ends = np.zeros((3, slots, len(torque) - 1))
     crossings = []
     for knee, slot in knees:
         side = 1.0 if knee > 0 else -1.0
         excess = side * (torque - knee)
         out = excess > 0.0
-        beyond = (out[:-1] & out[1:]) / 2.0
-        mean = beyond * (excess[:-1] + excess[1:])
-        starts[:, slot] += beyond
-        ends[:, slot] += beyond
+        mean = regression.average_steps(np.maximum(excess, 0.0))
+        begun = (out[:-1] & out[1:]) / 2.0
+        ended = begun.copy()
         at = np.flatnonzero(out[:-1] != out[1:])
         first, width = excess[at], excess[at + 1] - excess[at]
         farther = np.maximum(first, excess[at + 1])
         part = farther / np.abs(width)
         mean[at] = farther * part / 2.0
         near, far = part * part / 2.0, part - part * part / 2.0
-        starts[at, slot] += np.where(width > 0.0, near, far)
-        ends[at, slot] += np.where(width > 0.0, far, near)
-        means[:, slot] += side * mean
+        begun[at], ended[at] = np.where(width > 0.0, near, far), np.where(width > 0.0, far, near)
+        for whole, own in ((means, side * mean), (starts, begun), (ends, ended)):
+            whole[slot] += own
         crossings.append((slot, at, -first / width, side / np.abs(width)))
-    return KneeSteps(basis=basis, means=means, starts=starts, ends=ends, crossings=tuple(crossings))
+    return KneeSteps(basis=basis, means=means.T, starts=starts.T, ends=ends.T, crossings=tuple(crossings))
 
 
 _BuildColumns = Callable[[FloatArray, FloatArray], FloatArray]
@@ -276,7 +280,7 @@ def move_stops(recording: NlpRecording, moves: Sequence[Mapping[int, float]]) ->
         if places:
             grid = np.array(list(places.values()))
             fresh[joint] = grid, joint_models.compute_stop_basis(recording.phi[:, joint], grid)
-            bases[joint] = bases[joint].copy()
+            bases[joint] = bases[joint].copy(order="K")
             bases[joint][:, [1 + place for place in places]] = fresh[joint][1][:, 1:]
 
     def move(spring: SpringColumns) -> SpringColumns:
@@ -355,6 +359,10 @@ class SpringLayout:
     def compute_changes(self, x: FloatArray) -> FloatArray:
         """Return the changes of slope (entries,) of the unknowns x (x,)."""
         return self.changes @ x[self.slopes] + self.offset
+
+    def build_steps(self, basis: FloatArray, x: FloatArray) -> KneeSteps:
+        """Return the knees along a recording, `basis` (N, m + 1), of the unknowns x (x,)."""
+        return build_knee_steps(basis, x[self.weights], list(zip(self.knees, self.slots, strict=True)))
 
     def build_spring(self, values: FloatArray, least: float) -> joint_models.Elasticity:
         """Return the spring of the unknowns `values` (x,); weights up to `least` N m/rad are zero."""
@@ -544,10 +552,8 @@ class ElasticNlpCost:
         """Return residuals and their derivatives at the unknowns x."""
         layout, blocks, knees, friction = self.layout, [], [], []
         for part in self.recordings:
-            steps = tuple(
-                build_knee_steps(basis, x[spring.weights], list(zip(spring.knees, spring.slots, strict=True)))
-                for spring, basis in zip(layout.springs, part.bases, strict=True)
-            )
+            bases = zip(layout.springs, part.bases, strict=True)
+            steps = tuple(spring.build_steps(basis, x) for spring, basis in bases)
             # Step means (N - 1, 3) of g, g' and g'' of every joint with Stribeck friction.
             speeds = zip(part.speed.T, x[layout.speed], strict=False)
             rates = (
@@ -583,6 +589,18 @@ class ElasticNlpCost:
             friction.append(means)
         residuals, places, jacobians = zip(*blocks, strict=True)
         return CostState(residuals, places, jacobians, tuple(knees), tuple(friction))
+
+    def compute_spring(self, x: FloatArray, joint: int) -> list[FloatArray]:
+        """Return what a joint's spring takes off the residuals (M_b,) of every block at the unknowns x."""
+        place, rows = self.layout.springs[joint], []
+        for part in self.recordings:
+            means = place.build_steps(part.bases[joint], x).means
+            for block in part.blocks:
+                own = (entry for entry in block.springs if entry.joint == joint)
+                knees = ((entry.columns, entry.sums.add(means) @ place.compute_changes(x)) for entry in own)
+                parts = [block.sign * (columns @ x[place.weights] + knee) for columns, knee in knees]
+                rows.append(sum(parts, np.zeros(len(block.values))))
+        return rows
 
     def compute_value(self, state: CostState) -> float:
         """Return f."""

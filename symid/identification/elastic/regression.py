@@ -28,7 +28,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
+from symid.arrays import FloatArray, FrozenArrays, accumulate, compute_triangle, freeze
 from symid.codegen import Library, ModelCard, ParameterCard, run_compiled_branch
 from symid.errors import LogError, Notice, UsageError
 from symid.identification.elastic.options import RATE, ElasticOptions, check_grids
@@ -462,8 +462,7 @@ def filter_held(values: FloatArray, rate: float, period: float) -> FloatArray:
     y_k = a y_k-1 + (1 - a) x_k-1, a = exp(-rate period); rate in rad/s, period in s.
     """
     decay = np.exp(-rate * period)
-    result: FloatArray = scipy.signal.lfilter([0.0, 1.0 - decay], [1.0, -decay], values, axis=0)
-    return result
+    return accumulate((1.0 - decay) * np.concatenate([np.zeros_like(values[:1]), values[:-1]]), decay)
 
 
 def filter_derivative(values: FloatArray, rate: float, period: float) -> FloatArray:
@@ -812,9 +811,7 @@ def build_spring_data(
         largest = max(float(np.abs(phi).max()) for phi in torsions)
         grid = freeze(np.arange(1, options.stops + 1) / (options.stops + 1.0) * largest)
     periods, keeps = tuple(part.period for part in signals), tuple(part.keep for part in rows)
-    return SpringData(
-        torsions=tuple(torsions), periods=periods, keeps=keeps, rate=options.filter_rate
-    ).rebuild(grid)
+    return SpringData.build(torsions, periods, keeps, options.filter_rate).rebuild(grid)
 
 
 _MANY = 12
@@ -828,12 +825,12 @@ def build_spring_basis(torsion: FloatArray, kept: slice, period: float | None = 
     """
     low, high = float(torsion.min()), float(torsion.max())
     grid = 0.5 * (high - low) * np.arange(1, _MANY + 1) / (_MANY + 1)
-    # Only plays and the damper need what lies between.
-    stops, own = compute_stop_basis(torsion, grid, kept), torsion[kept]
-    further = [own**3, np.ones_like(own)]
+    # Only plays and the damper need what lies between; columns are stored one after the other.
+    stops, own = compute_stop_basis(torsion, grid, kept).T, torsion[kept]
+    columns = [stops, own**3, np.ones_like(own)]
     if period is not None:
         part = own / max(-low, high, numerics.TINY)
         size = np.abs(part)
-        further += [*(stops.T * size), *(stops.T * part**2), part * size, part**5, size]
-        further.append(filter_smooth(torsion, RATE, period)[kept])
-    return np.column_stack([stops, *further])
+        columns += [stops * size, stops * part**2, part * size, part**5, size]
+        columns.append(filter_smooth(torsion, RATE, period)[kept])
+    return np.vstack(columns).T

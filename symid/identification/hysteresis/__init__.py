@@ -3,7 +3,7 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from symid.identification.hysteresis.families import ElementPath as ElementPath
+    from symid.identification.hysteresis.families import SAMPLES as SAMPLES, ElementPath as ElementPath
     from symid.identification.hysteresis.fit import (
         ElementParameter as ElementParameter,
         ElementTrace as ElementTrace,

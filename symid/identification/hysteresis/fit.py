@@ -31,6 +31,7 @@ from symid.errors import Notice, UsageError
 from symid.identification.hysteresis import families, spring_fit
 from symid.identification.hysteresis.families import EXACT, GRID, SAMPLES, STARTS, ElementForm, ElementPath
 from symid.identification.judge import POLICY, compare, compute_changes, numerics
+from symid.ipopt import keep_last
 from symid.notation import HYSTERESIS_MODELS
 from symid.options import HysteresisOptions
 from symid.serialization import HIDDEN
@@ -134,11 +135,11 @@ class ElementData:
         """Return the output (M,) of the samples that are fitted."""
         return self.output[self.kept]
 
-    def thin(self, most: int) -> "ElementData":
+    def list_thin(self, most: int) -> NDArray[np.intp]:
         """Return about `most` of the samples, at even places, and as many at most where x turns."""
         every, path = max(1, len(self.output) // most), self.path
         if every == 1:
-            return self
+            return np.arange(len(self.output))
         taken = np.zeros(len(self.output), dtype=bool)
         taken[::every] = taken[list(path.begins)] = True
         share = POLICY.relevance
@@ -146,7 +147,13 @@ class ElementData:
             # Noise turns as well: only what stands out of it counts.
             share *= 2.0
         taken[[low - 1 for low, _ in strokes[1:]]] = True
-        index = np.flatnonzero(taken)
+        return np.flatnonzero(taken)
+
+    def thin(self, most: int) -> "ElementData":
+        """Return the data at these samples."""
+        if len(index := self.list_thin(most)) == len(self.output):
+            return self
+        path = self.path
         thinned = replace(
             path,
             position=path.position[index],
@@ -337,11 +344,12 @@ class _ElementTrial:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Task:
-    """What models are fitted to; `timed` is whether the time of samples is known."""
+    """What models are fitted to, until squares fall by less; `timed`: the time of samples is known."""
 
     data: ElementData
     passive: bool
     timed: bool
+    tolerance: float = numerics.CONVERGED
 
     @property
     def part(self) -> NDArray[np.intp]:
@@ -375,27 +383,30 @@ def _compute_errors(form: ElementForm, task: _Task, shape: FloatArray) -> FloatA
 
 
 def _search(form: ElementForm, task: _Task, starts: Sequence[FloatArray]) -> FloatArray:
-    """Return the shape of least error, from the best of several starts."""
+    """Return the shape of least error: a few rounds from the best of several starts, the rest from one."""
     count = form.count_searched(starts[0])
     if not count:
         return starts[0]
 
-    def search(start: FloatArray) -> tuple[float, FloatArray]:
+    def search(start: FloatArray, rounds: int) -> tuple[float, FloatArray]:
         def errors(moves: FloatArray) -> FloatArray:
             return _compute_errors(form, task, form.move(start, moves))
 
         def slopes(moves: FloatArray) -> FloatArray:
-            here, steps = errors(moves), numerics.CONVERGED * np.eye(count)
+            here, steps = known(moves), numerics.CONVERGED * np.eye(count)
             return np.stack([errors(moves + step) - here for step in steps], axis=1) / numerics.CONVERGED
 
-        far, least = -math.log(POLICY.relevance), numerics.CONVERGED
+        known, far, least = keep_last(errors), -math.log(POLICY.relevance), task.tolerance
         run = scipy.optimize.least_squares(
-            errors, np.zeros(count), slopes, (-far, far), ftol=least, xtol=least, max_nfev=numerics.ROUNDS
+            known, np.zeros(count), slopes, (-far, far), ftol=least, xtol=least, max_nfev=rounds
         )
         return float(run.cost), form.move(start, run.x)
 
-    ranked = sorted(starts, key=lambda start: float(np.sum(_compute_errors(form, task, start) ** 2)))
-    return min(map(search, ranked[:STARTS]), key=lambda run: run[0])[1]
+    if starts[1:]:
+        ranked = sorted(starts, key=lambda start: float(np.sum(_compute_errors(form, task, start) ** 2)))
+        runs = [search(start, numerics.ROUNDS // STARTS) for start in ranked[:STARTS]]
+        starts = [min(runs, key=lambda run: run[0])[1]]
+    return search(starts[0], numerics.ROUNDS)[1]
 
 
 def _try(form: ElementForm, task: _Task, shape: FloatArray) -> _ElementTrial:
@@ -474,9 +485,8 @@ def _fit_spring(task: _Task, *, knees: bool) -> _ElementTrial:
     ahead = [path.position[0] + side * 4.0 * path.reach, path.position[0]] if side else []
     torsion: FloatArray = np.append(ahead, path.position)
     first = len(ahead) + int(np.argmax(task.data.kept))
-    spring = spring_fit.SpringData(
-        torsions=(torsion,), periods=(1.0,), keeps=(slice(first, None, 1),), rate=np.inf
-    ).rebuild(path.list_lengths(GRID))
+    spring = spring_fit.SpringData.build((torsion,), (1.0,), (slice(first, None, 1),), np.inf)
+    spring = spring.rebuild(path.list_lengths(GRID))
     found = spring.fit_stops(output)
     if knees:
         places = spring_fit.build_knee_grid([part @ found.stiffness for part in spring.basis], STARTS)
@@ -518,7 +528,10 @@ def find_strokes(x: FloatArray, share: float = POLICY.relevance) -> list[tuple[i
     """
     bounds, extreme, sense = [0], 0, 0.0
     least = share * float(np.ptp(x))
-    for k, place in enumerate(x.tolist()):
+    # Where the sense of the input does not change, neither an extreme nor a reversal can be.
+    senses = np.sign(np.diff(x, prepend=np.nan, append=np.nan))
+    turns = np.flatnonzero(senses[1:] != senses[:-1])
+    for k, place in zip(turns.tolist(), x[turns].tolist(), strict=True):
         ahead = (place - x[extreme]) * sense
         if sense == 0.0:
             if abs(place - x[0]) > least:
@@ -799,8 +812,9 @@ def choose_spring(
         the spring; its name, "" for `known`; what it and `known` leave of the output, percent.
     """
     whole = ElementData(path=path, output=output, kept=kept)
-    data = whole.thin(SAMPLES)
-    task = _Task(data=data, passive=True, timed=True)
+    index, data = whole.list_thin(SAMPLES), whole.thin(SAMPLES)
+    # What is taken begins where dynamics and springs are fitted together.
+    task = _Task(data=data, passive=True, timed=True, tolerance=EXACT)
     loops, sided = (families.list_families(name, data.path, timed=True) for name in ("bouc-wen", "sided"))
     tried: tuple[families.ElementFamily, ...] = (
         families.Stops(count=0, name="linear"),
@@ -810,9 +824,14 @@ def choose_spring(
     )
     trials = [_fit_form(ElementForm(family=family), task, family.list_starts(data.path)) for family in tried]
 
+    # Along all samples: a thin path misses small reversals.
+    pieces = zip(path.split(), np.split(index, np.searchsorted(index, path.begins[1:])), strict=True)
+    tracks = [joint_models.PlayPath.build(part.position, own - own[0]) for part, own in pieces]
+
     def predict(spring: joint_models.Elasticity) -> FloatArray:
-        # Along all samples: a thin path misses small reversals.
-        return replace(whole, output=predict_output(spring, path)).thin(SAMPLES).counted
+        weights = spring_fit.read_weights(spring)
+        bases = np.concatenate([track.follow_stops(weights.thresholds)[1] for track in tracks])
+        return spring_fit.compute_outer(bases, weights)[data.kept]
 
     # Sensors may have other zeros.
     rates = spring_fit.differentiate_spring(known, predict)
@@ -822,7 +841,7 @@ def choose_spring(
     own, linear, best = optimum.measure(task), trials[0], _choose(trials)[0]
     left, worse = 100.0 * math.sqrt(float(own.sum())), best.score > float(own.sum())
     # A line, friction of the link, and a damper where it helps.
-    parts = [data.path.position, np.ones_like(data.output), replace(whole, output=speed).thin(SAMPLES).output]
+    parts = [data.path.position, np.ones_like(data.output), speed[index]]
     parts += [data.path.velocity] if "viscous" in linear.form else []
     columns = np.column_stack(parts)[data.kept]
     point = np.asarray(np.linalg.lstsq(columns, data.counted, numerics.RANK)[0], np.float64)

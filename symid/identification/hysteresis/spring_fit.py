@@ -19,11 +19,11 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, compute_triangle
+from symid.arrays import FloatArray, accumulate, compute_triangle
 from symid.errors import RobotError
 from symid.identification.hysteresis.families import EXACT, GRID, SAMPLES, STARTS, list_lengths
 from symid.identification.judge import POLICY, numerics
-from symid.joint_models import Elasticity, Knee, Stop, compute_stop_basis
+from symid.joint_models import Elasticity, Knee, PlayPath, Stop
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -83,7 +83,8 @@ def compute_ramps(inner: FloatArray, weights: SpringWeights) -> FloatArray:
     knees = weights.knees
     further = np.copysign(np.inf, knees)
     further[:-1] = np.where(knees[:-1] * knees[1:] > 0.0, knees[1:], further[:-1])
-    return np.clip(inner[:, None], np.minimum(knees, further), np.maximum(knees, further)) - knees
+    low, high = (pick(knees, further)[:, None] for pick in (np.minimum, np.maximum))
+    return np.asarray((np.clip(inner, low, high) - knees[:, None]).T)
 
 
 def compute_outer(basis: FloatArray, weights: SpringWeights) -> FloatArray:
@@ -154,14 +155,14 @@ class SpringData:
     """What does not change while the spring of one joint is fitted; only plays run at full rate.
 
     Args:
-        torsions: (N,) rad or m of every recording, at full rate; periods: their sample periods in s.
-        keeps: samples of each that rows belong to.
+        paths: torsions of every recording, rad or m, for samples that rows are filtered from.
+        periods: of the torsions, s; keeps: samples of each that rows belong to.
         rate: of the filter in rad/s.
         thresholds: (m,) rad or m, of the grid; basis: (N', m + 1) for them, phi and the stops, thinned.
         filtered: (M, m + 1), F[basis] at the rows, all recordings stacked.
     """
 
-    torsions: tuple[FloatArray, ...]
+    paths: tuple[PlayPath, ...]
     periods: tuple[float, ...]
     keeps: tuple[slice, ...]
     rate: float
@@ -173,8 +174,17 @@ class SpringData:
         """Return phi and the stops of other thresholds, thinned, for every recording."""
         if thresholds is self.thresholds and self.basis:
             return self.basis
-        pairs = zip(self.torsions, self.keeps, strict=True)
-        return tuple(compute_stop_basis(phi, thresholds, thin_to(keep)) for phi, keep in pairs)
+        return tuple(path.follow_stops(thresholds)[1] for path in self.paths)
+
+    @classmethod
+    def build(
+        cls, torsions: Sequence[FloatArray], periods: Sequence[float], keeps: Sequence[slice], rate: float
+    ) -> "SpringData":
+        """Return the data of torsions (N,), without thresholds; for the rest see the class."""
+        # Also samples before the first row, whose filter begins from rest.
+        kept = [slice(keep.start % keep.step, None, keep.step) for keep in keeps]
+        paths = tuple(map(PlayPath.build, torsions, kept))
+        return cls(paths=paths, periods=tuple(periods), keeps=tuple(keeps), rate=rate)
 
     def rebuild(self, thresholds: FloatArray) -> "SpringData":
         """Return the data with these thresholds (m,) as their grid, so that their basis is at hand."""
@@ -200,11 +210,6 @@ class SpringData:
         return SpringWeights(thresholds=self.thresholds, stiffness=stiffness, knees=none, slopes=none)
 
 
-def thin_to(keep: slice) -> slice:
-    """Return the samples on the grid of `keep`, also those before its start."""
-    return slice(keep.start % keep.step, None, keep.step)
-
-
 def filter_smooth(values: FloatArray, rate: float, period: float) -> FloatArray:
     """Return F[values] (N, ...) of a signal that is a straight line between samples, from rest.
 
@@ -214,8 +219,8 @@ def filter_smooth(values: FloatArray, rate: float, period: float) -> FloatArray:
         return values
     decay = np.exp(-rate * period)
     ahead = 1.0 - (1.0 - decay) / (rate * period)
-    gains, start = [ahead, 1.0 - decay - ahead], -ahead * values[:1]
-    return np.asarray(scipy.signal.lfilter(gains, [1.0, -decay], values, axis=0, zi=start)[0])
+    steps = ahead * values[1:] + (1.0 - decay - ahead) * values[:-1]
+    return accumulate(np.concatenate([np.zeros_like(values[:1]), steps]), float(decay))
 
 
 def filter_parts(data: SpringData, parts: Sequence[FloatArray]) -> FloatArray:
@@ -257,7 +262,8 @@ def fit_spring(data: SpringData, target: FloatArray, start: SpringWeights) -> Sp
 
 def solve_non_negative(matrix: FloatArray, right: FloatArray) -> FloatArray:
     """Return argmin |matrix x - right|, x >= 0, with columns scaled to length one; empty columns get zero."""
-    triangle, lengths = compute_triangle(np.column_stack([matrix, right])), np.linalg.norm(matrix, axis=0)
+    triangle = compute_triangle(np.column_stack([matrix, right]))
+    lengths = np.linalg.norm(triangle[:, :-1], axis=0)
     longest = max(float(lengths.max(initial=0.0)), numerics.TINY)
     scales = np.where(lengths > numerics.EXACT * longest, lengths, np.inf)
     return np.asarray(scipy.optimize.nnls(triangle[:, :-1] / scales, triangle[:, -1])[0] / scales)
@@ -265,12 +271,13 @@ def solve_non_negative(matrix: FloatArray, right: FloatArray) -> FloatArray:
 
 def _evaluate_spring(
     data: SpringData, target: FloatArray, weights: SpringWeights
-) -> tuple[SpringWeights, tuple[FloatArray, ...], float]:
-    """Return a spring, its knees held away from zero, its full stop bases, and cost |target - F[tau_J]|^2."""
-    bases = tuple(compute_stop_basis(phi, weights.thresholds) for phi in data.torsions)
-    weights = replace(weights, knees=hold_knees(weights.knees, *measure_reach(bases, weights)[1:]))
-    thin = (basis[thin_to(keep)] for basis, keep in zip(bases, data.keeps, strict=True))
-    errors = target - filter_parts(data, [compute_outer(basis, weights) for basis in thin])
+) -> tuple[SpringWeights, list[tuple[FloatArray, FloatArray]], float]:
+    """Return a spring, knees held away from zero, its bases at turns and samples, |target - F[tau_J]|^2."""
+    # The torque is largest at turns.
+    bases = [path.follow_stops(weights.thresholds) for path in data.paths]
+    reach = measure_reach([turns for turns, _ in bases], weights)[1:]
+    weights = replace(weights, knees=hold_knees(weights.knees, *reach))
+    errors = target - filter_parts(data, [compute_outer(samples, weights) for _, samples in bases])
     return weights, bases, float(errors @ errors)
 
 
@@ -281,12 +288,16 @@ def measure_reach(bases: Sequence[FloatArray], weights: SpringWeights) -> tuple[
     return torsion, max(-float(v.min()) for v in inner), max(float(v.max()) for v in inner)
 
 
-def _compute_jacobian(data: SpringData, bases: Sequence[FloatArray], weights: SpringWeights) -> FloatArray:
-    """Return F of `compute_spring_slopes` by all numbers at the rows, of full stop bases."""
+def _compute_jacobian(
+    data: SpringData, bases: Sequence[tuple[FloatArray, FloatArray]], weights: SpringWeights
+) -> FloatArray:
+    """Return F of `compute_spring_slopes` by all numbers at the rows."""
     parts = []
-    for whole, keep in zip(bases, data.keeps, strict=True):
-        slips = compute_slips(whole, weights.thresholds)[thin_to(keep)]
-        parts.append(compute_spring_slopes(whole[thin_to(keep)], weights, slips))
+    for path, (turns, samples) in zip(data.paths, bases, strict=True):
+        # Who slipped on the way from a turn slips still.
+        now = _find_slipping(samples, weights.thresholds)
+        slips = np.where(now, now, np.take(compute_slips(turns, weights.thresholds).T, path.former, axis=1).T)
+        parts.append(compute_spring_slopes(samples, weights, slips))
     return filter_parts(data, parts)
 
 
@@ -301,7 +312,7 @@ def optimise_spring(
     for _ in range(numerics.ROUNDS):
         filtered = _compute_jacobian(data, bases, best)
         jacobian, value = filtered[:, :-1], filtered[:, -1]
-        down, up = compute_place_limits(bases, best)
+        down, up = compute_place_limits([turns for turns, _ in bases], best)
         low = np.concatenate([-best.stiffness, POLICY.relevance - best.slopes, down])
         high = np.concatenate([np.full(len(low) - len(up), np.inf), up])
         # Columns without effect get no step, not a huge one.
@@ -367,11 +378,15 @@ def compute_spring_slopes(
 
 def compute_slips(basis: FloatArray, thresholds: FloatArray) -> FloatArray:
     """Return d E_i / d r_i (N, m): the side on which each stop slipped last, 0 before it ever did."""
-    stops = basis[:, 1:]
-    slack = numerics.RANK * thresholds
-    side = np.where(stops >= thresholds - slack, 1.0, np.where(stops <= slack - thresholds, -1.0, 0.0))
-    last = np.maximum.accumulate(np.where(side != 0.0, np.arange(len(stops))[:, None], 0), axis=0)
+    side = _find_slipping(basis, thresholds)
+    last = np.maximum.accumulate(np.where(side != 0.0, np.arange(len(basis))[:, None], 0), axis=0)
     return np.take_along_axis(side, last, axis=0)
+
+
+def _find_slipping(basis: FloatArray, thresholds: FloatArray) -> FloatArray:
+    """Return the side (N, m) on which each stop slips at this sample, 0 for neither."""
+    stops, least = basis[:, 1:], (1.0 - numerics.RANK) * thresholds
+    return np.where(stops >= least, 1.0, np.where(stops <= -least, -1.0, 0.0))
 
 
 def refine_spring(data: SpringData, target: FloatArray, start: SpringWeights) -> SpringWeights:
@@ -384,7 +399,7 @@ def refine_spring(data: SpringData, target: FloatArray, start: SpringWeights) ->
     dense = start
     if len(start.thresholds):
         # Stops on a geometric grid, as many small as large.
-        phi = np.concatenate(thinned.torsions)
+        phi = np.concatenate([path.values for path in thinned.paths])
         grid = list_lengths(phi, float(np.abs(phi).max()), GRID)
         spread = replace(start, thresholds=grid, stiffness=np.append(start.stiffness[:1], np.zeros(GRID)))
         dense = fit_spring(thinned.rebuild(grid), coarse, spread)
@@ -419,17 +434,16 @@ def _thin_data(data: SpringData, target: FloatArray) -> tuple[SpringData, FloatA
     """Return about `SAMPLES` rows, with plays at twice as many samples: enough to locate places."""
     torsions, keeps, periods, parts, at = [], [], [], [], 0
     every = max(1, len(target) // SAMPLES)
-    for phi, keep, period in zip(data.torsions, data.keeps, data.periods, strict=True):
-        rows = len(phi[thin_to(keep)]) - keep.start // keep.step
+    for path, keep, period in zip(data.paths, data.keeps, data.periods, strict=True):
+        rows = len(path.own) - keep.start // keep.step
         stride = keep.step * (every // 2 if every % 2 == 0 else 1)
         first = keep.start % stride
-        torsions.append(np.ascontiguousarray(phi[first::stride]))
+        torsions.append(np.ascontiguousarray(path.values[first::stride]))
         keeps.append(slice((keep.start - first) // stride, None, every * keep.step // stride))
         parts.append(target[at : at + rows : every])
         periods.append(period * stride)
         at += rows
-    thinned = replace(data, torsions=tuple(torsions), keeps=tuple(keeps), periods=tuple(periods))
-    return thinned, np.concatenate(parts)
+    return SpringData.build(torsions, periods, keeps, data.rate), np.concatenate(parts)
 
 
 def _list_simpler(data: SpringData, target: FloatArray, weights: SpringWeights) -> list[SpringWeights]:
@@ -438,8 +452,7 @@ def _list_simpler(data: SpringData, target: FloatArray, weights: SpringWeights) 
     What it costs to hold A x = c is (A x - c)' (A H^-1 A')^-1 (A x - c), H = J'J (Hassibi and Stork, Advances
     in Neural Information Processing Systems 5, 1992, 164-171, "optimal brain surgeon").
     """
-    bases = [compute_stop_basis(phi, weights.thresholds) for phi in data.torsions]
-    jacobian = _compute_jacobian(data, bases, weights)[:, :-1]
+    jacobian = _compute_jacobian(data, _evaluate_spring(data, target, weights)[1], weights)[:, :-1]
     lengths = np.linalg.norm(jacobian, axis=0)
     lengths = np.where(lengths > 0.0, lengths, 1.0)
     triangle = compute_triangle(jacobian / lengths)

@@ -23,11 +23,10 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from symid import logs
-from symid.arrays import FloatArray, freeze_fields
+from symid.arrays import FloatArray, accumulate, freeze_fields
 from symid.codegen import Library, ModelCard
 from symid.errors import Notice, UsageError
 from symid.identification.judge import numerics
@@ -288,10 +287,10 @@ def _build_filtered_part(library: Library, signals: Signals, length: float) -> E
         matrix.append(steps)
     ends = np.arange(len(signals.time))[windows.ends]
     return EquationPart(
-        matrix=_accumulate(np.concatenate(matrix), keep),
-        values=_accumulate(_weigh_windows(signals.tau, windows, weights), keep),
+        matrix=accumulate(np.concatenate(matrix), keep),
+        values=accumulate(_weigh_windows(signals.tau, windows, weights), keep),
         time=np.array(signals.time[windows.ends][1:]),
-        velocity=_accumulate(_weigh_windows(signals.dq, windows, weights), keep),
+        velocity=accumulate(_weigh_windows(signals.dq, windows, weights), keep),
         independent=(1.0 - keep) / (1.0 + keep),
         # Of the window before the last one a seventh is left, of earlier ones 2 %.
         bad=None if signals.bad is None else mask_touched(signals.bad, np.append(0, ends[:-2]), ends[1:] + 1),
@@ -333,11 +332,6 @@ def _merge(values: FloatArray, pieces: int) -> FloatArray:
     """Return sums of `pieces` neighbours (M, ...), one beginning at every entry."""
     count = len(values) - pieces + 1
     return np.asarray(sum(values[shift : shift + count] for shift in range(pieces)))
-
-
-def _accumulate(steps: FloatArray, keep: float) -> FloatArray:
-    """Return F_i = keep F_(i-1) + steps_i, from zero on."""
-    return np.asarray(scipy.signal.lfilter([1.0], [1.0, -keep], steps, axis=0))
 
 
 ROW_KINDS = ("torque", "momentum", "filtered", "power", "energy")

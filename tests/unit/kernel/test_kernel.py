@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import symid.environment
-from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
+from symid.arrays import FloatArray, FrozenArrays, accumulate, compute_triangle, freeze
 from symid.environment import locate_resource_folder, report_count, write_file
 from symid.errors import InputError, Notice, RobotError, SymidError
 from symid.notation import INERTIAL, SYMBOLS, UNITS, get_unit, get_unit_factor, suggest_units
@@ -173,6 +173,16 @@ def test_a_triangle_has_the_squares_of_its_matrix(shape, order):
     np.testing.assert_array_equal(triangle, np.triu(triangle))
     np.testing.assert_allclose(np.abs(triangle), np.abs(expected), rtol=1e-11, atol=1e-11)
     np.testing.assert_allclose(triangle.T @ triangle, matrix.T @ matrix, rtol=1e-11, atol=1e-10)
+
+
+@pytest.mark.parametrize("keep", [0.0, 0.3, 0.97, 1.0])
+@pytest.mark.parametrize("shape", [(0, 2), (1, 3), (32, 1), (33,), (2500, 2, 3)])
+def test_sums_that_forget_are_those_step_after_step(shape, keep):
+    steps = np.random.default_rng(2).normal(size=shape)
+    expected = np.zeros(shape)
+    for place, step in enumerate(steps):
+        expected[place] = keep * (expected[place - 1] if place else 0.0) + step
+    np.testing.assert_allclose(accumulate(steps, keep), expected, rtol=1e-12, atol=1e-12)
 
 
 def test_zero_columns_stay_zero_and_no_number_is_hidden():
