@@ -46,7 +46,8 @@ from symid.logs.sampling import Resampling, mask_onward, plan_resampling, resamp
 from symid.logs.signals import describe_uneven
 from symid.robot import Joint
 
-Mask, Places = NDArray[np.bool_], NDArray[np.intp]
+Mask = NDArray[np.bool_]
+Places = NDArray[np.intp]
 FaultKind = Literal["repeats", "resampled", "wraps", "spikes", "stuck", "jumps", "clipped"]
 
 
@@ -153,7 +154,9 @@ def mask_repeats(channels: Sequence[FloatArray], position: FloatArray) -> Mask:
     same = np.append(False, np.ones(len(position) - 1, dtype=np.bool_))
     for values in (column for channel in channels for column in channel.T):
         same[1:] &= values[1:] == values[:-1]
-    if not same.any() or np.sum(~same) < 2:
+        if not same.any():
+            return same
+    if np.sum(~same) < 2:
         return np.zeros(len(position), dtype=np.bool_)
     fresh = np.flatnonzero(~same)
     steps, lengths = np.diff(position[fresh], axis=0), np.diff(np.append(fresh, len(position)))
@@ -252,8 +255,9 @@ def _repair_samples(log: Recording, joints: Sequence[Joint]) -> tuple[Recording,
         repaired = given
         sudden = None if name in _POSITIONS else _SuddenMotion(log.position)
         for index, joint in enumerate(joints):
-            old = known[:, index]
-            for kind, whole in _find_faults(name, given[:, index], old, log, index, sudden).items():
+            # A column of its own is read faster, many times.
+            old, values = known[:, index], given[:, index].copy()
+            for kind, whole in _find_faults(name, values, old, log, index, sudden).items():
                 mask = whole & ~old
                 if mask.any():
                     bad = bad if found else bad.copy()
