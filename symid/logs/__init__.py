@@ -33,6 +33,7 @@ if TYPE_CHECKING:
         LogPart as LogPart,
         Recording as Recording,
         Signals as Signals,
+        SignalSource as SignalSource,
         States as States,
         cut_ends as cut_ends,
         cut_recording as cut_recording,
@@ -68,7 +69,9 @@ if TYPE_CHECKING:
         resample_log as resample_log,
     )
     from symid.logs.signals import (
+        SignalParts as SignalParts,
         choose_processing as choose_processing,
+        choose_thinning as choose_thinning,
         compute_noise_bandwidth as compute_noise_bandwidth,
         decimate as decimate,
         decimate_blocks as decimate_blocks,

@@ -20,7 +20,7 @@ import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -171,10 +171,36 @@ class Signals(FrozenArrays):
     temperature: FloatArray | None = None
     bad: NDArray[np.bool_] | None = None
 
+    def cut(self, part: slice) -> "Signals":
+        """Return a part of the samples."""
+        names = ("time", "q", "dq", "ddq", "tau", "load", "temperature", "bad")
+        given = {name: getattr(self, name) for name in names}
+        own: dict[str, Any] = {name: values[part] for name, values in given.items() if values is not None}
+        return replace(self, **own)
+
     def pick_states(self, places: slice | NDArray[np.intp]) -> States:
         """Return the states at some samples."""
         load, warmth = (None if part is None else part[places] for part in (self.load, self.temperature))
         return self.q[places], self.dq[places], self.ddq[places], load, warmth
+
+
+class SignalSource(Protocol):
+    """Signals of which parts are asked for: those in memory, or others that are made part by part."""
+
+    @property
+    def time(self) -> FloatArray:
+        """Return the times (N,) in s."""
+
+    @property
+    def period(self) -> float:
+        """Return the sample period in s."""
+
+    @property
+    def bad(self) -> NDArray[np.bool_] | None:
+        """Return the bad samples (N, n)."""
+
+    def cut(self, part: slice) -> Signals:
+        """Return a part of the samples, one in its step."""
 
 
 STATES = ("position", "velocity", "acceleration")

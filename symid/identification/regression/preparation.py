@@ -30,7 +30,7 @@ power and energy rows, whose covariance needs every row.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -333,6 +333,12 @@ def prepare_states(library: Library, recording: Recording, processing: Processin
     `processing` leaves nothing open. A LogError tells that the recording has another number of joints than
     the robot, an IdentifiabilityError that no joint moves.
     """
+    resting = _check_motion(library, recording)
+    return _settle_states(library, recording, logs.prepare_signals(recording, processing), resting)
+
+
+def _check_motion(library: Library, recording: Recording) -> tuple[int, ...]:
+    """Return the joints at rest, or raise the errors of `prepare_states`."""
     check_joints(library, (recording,))
     resting = list_resting_joints(recording)
     if len(resting) == library.card.size:
@@ -342,7 +348,18 @@ def prepare_states(library: Library, recording: Recording, processing: Processin
         )
         notice = Notice(code="identify.standstill", text=text, file=recording.source)
         raise IdentifiabilityError(notice)
-    signals = hold_resting_joints(logs.prepare_signals(recording, processing), resting)
+    return resting
+
+
+def _settle_states(
+    library: Library,
+    recording: Recording,
+    signals: Signals,
+    resting: tuple[int, ...],
+    places: Sequence[float] | None = None,
+) -> Signals:
+    """Return the signals with joints at rest, at `places` in rad or m, and torques without known payloads."""
+    signals = hold_resting_joints(signals, resting, places)
     load = compute_payload_torque(library, signals, recording)
     return signals if load is None else replace(signals, tau=signals.tau - load)
 
@@ -356,12 +373,13 @@ def outline_motion(
 ) -> tuple[tuple[float, ...], ...]:
     """Return states q, dq, ddq (`STATES`, 3 n) evenly spread over the recordings, with six digits."""
     used = choose_filters(processing, recordings).processing
-    signals = [prepare_states(library, entry, used) for entry in recordings]
-    ends, rows = np.cumsum([0, *(len(entry.q) for entry in signals)]), list[tuple[float, ...]]()
+    signals = [StateParts(library, entry, used) for entry in recordings]
+    ends, rows = np.cumsum([0, *(len(entry.time) for entry in signals)]), list[tuple[float, ...]]()
     for place in np.linspace(0, ends[-1] - 1, min(STATES, int(ends[-1]))).round().astype(int):
         run = int(np.searchsorted(ends, place, side="right")) - 1
-        states = (part[place - ends[run]] for part in (signals[run].q, signals[run].dq, signals[run].ddq))
-        rows.append(tuple(float(f"{value:.6g}") for value in np.concatenate([*states])))
+        here = int(place - ends[run])
+        q, dq, ddq, *_ = signals[run].cut(slice(here, here + 1)).pick_states(slice(None))
+        rows.append(tuple(float(f"{value:.6g}") for value in np.hstack([q, dq, ddq])[0]))
     return tuple(rows)
 
 
@@ -375,7 +393,7 @@ def mask_fast(
     """
     if rows.kind in equations.SCALAR_KINDS or not processing.standstill:
         return np.ones(len(speed), dtype=np.bool_), ()
-    limits = np.array([processing.get_standstill(joint) for joint in range(len(rows.group_names))])
+    limits = _list_limits(processing, len(rows.group_names))
     slow = np.abs(speed) < limits[rows.group]
     beside = ""
     if margin:
@@ -394,12 +412,35 @@ def mask_fast(
                     break
                 reach *= 0.5
     lost, whole = np.bincount(rows.group[slow]), np.bincount(rows.group)
+    return ~slow, _describe_slow(rows.group_names, lost, whole, limits, beside, file)
+
+
+def _list_limits(processing: Processing, joints: int) -> FloatArray:
+    return np.array([processing.get_standstill(joint) for joint in range(joints)])
+
+
+def _describe_slow(  # noqa: PLR0917 - parts of a sentence
+    names: Sequence[str],
+    lost: NDArray[np.intp],
+    whole: NDArray[np.intp],
+    limits: FloatArray,
+    beside: str = "",
+    file: str = "",
+) -> tuple[Notice, ...]:
     texts = (
-        f"joint {rows.group_names[group]!r}: {lost[group]} of {whole[group]} samples slower than "
+        f"joint {names[group]!r}: {lost[group]} of {whole[group]} samples slower than "
         f"processing.standstill = {limits[group]:g}{beside} were left out of the fit"
-        for group in np.flatnonzero(lost)
+        for group in np.flatnonzero(lost).tolist()
     )
-    return ~slow, tuple(Notice(code="identify.slow-rows", text=text, file=file) for text in texts)
+    return tuple(Notice(code="identify.slow-rows", text=text, file=file) for text in texts)
+
+
+def _describe_rest(name: str) -> Notice:
+    text = (
+        f"joint {name!r} does not move in this log: dry friction or a brake may hold any torque, so its "
+        "samples were left out"
+    )
+    return Notice(code=JOINT_AT_REST, text=text)
 
 
 def leave_out_rows(
@@ -416,12 +457,7 @@ def leave_out_rows(
     held = [joint for joint in list_resting_joints(recording) if joints[joint].friction != "none"]
     if fast.all() and not held:
         return rows
-    texts = (
-        f"joint {joints[joint].name!r} does not move in this log: dry friction or a brake may hold any "
-        "torque, so its samples were left out"
-        for joint in held
-    )
-    notices = (Notice(code=JOINT_AT_REST, text=text, file=file) for text in texts)
+    notices = (replace(_describe_rest(joints[joint].name), file=file) for joint in held)
     kept = equations.select_rows(rows, fast & ~np.isin(rows.group, held))
     return replace(kept, notices=(*rows.notices, *slow, *notices))
 
@@ -443,19 +479,39 @@ BLOCKS = POLICY.folds * POLICY.parts
 """Blocks of consecutive equations of a joint: within one, residuals may depend on each other."""
 
 
-class StatesKeeper:
-    """Prepares the states of recordings, and keeps those of the last one: passes over a log share them."""
+class StateParts:
+    """States and torques of a recording part by part: those of `prepare_states`, up to rounding."""
 
-    _last: tuple[tuple[Library, Recording, Processing], Signals] | None = None
+    def __init__(self, library: Library, recording: Recording, processing: Processing) -> None:
+        """Take what is of the whole log; errors are those of `prepare_states`."""
+        self.resting = _check_motion(library, recording)
+        self._library, self._recording = library, recording
+        self._parts = logs.SignalParts(recording, processing)
+        self.time, self.period, self.bad = self._parts.time, self._parts.period, self._parts.bad
+        cutoff, order = processing.filter_cutoff, processing.filter_order
+        self._held = []
+        for joint in self.resting:
+            q = recording.position[:, joint]
+            q = q if cutoff is None else logs.low_pass(q, period=self.period, cutoff=cutoff, order=order)
+            self._held.append(float(np.mean(q[processing.drop_first : len(q) - processing.drop_last])))
 
-    def __call__(self, library: Library, recording: Recording, processing: Processing) -> Signals:
-        """Return the states as `prepare_states`, which reads no standstill speed."""
-        wanted = library, recording, replace(processing, standstill=None)
-        if self._last is None or self._last[0] != wanted:
-            # Before others are made: two logs need not be in memory.
-            self._last = None
-            self._last = wanted, prepare_states(*wanted)
-        return self._last[1]
+    def cut(self, part: slice) -> Signals:
+        """Return a part of the samples, one in its step."""
+        return _settle_states(self._library, self._recording, self._parts.cut(part), self.resting, self._held)
+
+
+class Outline(NamedTuple):
+    """Equations (M, n) of a recording without their matrix.
+
+    `every` are those that no bad sample nor a joint at rest is in, `kept` those of them that are not slow.
+    """
+
+    values: FloatArray
+    velocity: FloatArray
+    every: NDArray[np.bool_]
+    kept: NDArray[np.bool_]
+    independent: float
+    notices: tuple[Notice, ...]
 
 
 class RowBuilder(NamedTuple):
@@ -466,11 +522,6 @@ class RowBuilder(NamedTuple):
     processing: Processing
     window: float
     overlap: float
-    keeper: Callable[[Library, Recording, Processing], Signals] = prepare_states
-
-    def prepare_states(self, recording: Recording) -> Signals:
-        """Return the filtered states of a recording."""
-        return self.keeper(self.library, recording, self.processing)
 
     def prepare(self, recording: Recording) -> equations.Rows:
         """Return the equations of a recording, see `prepare_rows`."""
@@ -478,70 +529,87 @@ class RowBuilder(NamedTuple):
             self.kind, self.library, recording, self.processing, window=self.window, overlap=self.overlap
         )
 
-    def outline(self, recording: Recording) -> equations.Rows:
-        """Return the equations of a recording with their places in time (m, 1), from zero, as matrix."""
-        card, signals = self.library.card, self.prepare_states(recording)
-        pieces = equations.count_pieces(self.overlap)
-        part = equations.outline_part(self.kind, signals, self.processing, self.window, pieces)
-        places = np.arange(len(part.values), dtype=np.float64)
-        part = part._replace(matrix=np.tile(places[:, None, None], (1, card.size, 1)))
-        rows = equations.assemble_rows(self.kind, card, part)
-        return leave_out_rows(rows, self.library, recording, self.processing)
+    def follow(self, recording: Recording) -> StateParts:
+        """Return the states of a recording."""
+        return StateParts(self.library, recording, self.processing)
 
-    def cut(self, recording: Recording) -> Iterator[tuple[slice, FloatArray]]:
+    def outline(self, recording: Recording, states: StateParts) -> Outline:
+        """Return the equations of a recording without their matrix."""
+        card, pieces = self.library.card, equations.count_pieces(self.overlap)
+        part = equations.outline_part(self.kind, states, self.processing, self.window, pieces)
+        bad = np.zeros(part.values.shape, dtype=np.bool_) if part.bad is None else part.bad
+        pairs = zip(card.joints, bad.T, strict=True)
+        told = [equations.warn_of_bad(joint.name, own) for joint, own in pairs if own.any()]
+        held = [joint for joint in states.resting if card.joints[joint].friction != "none"]
+        told += [_describe_rest(card.joints[joint].name) for joint in held]
+        every = ~bad
+        every[:, held] = False
+        kept = every
+        if self.processing.standstill:
+            kept = every & (np.abs(part.velocity) >= _list_limits(self.processing, card.size))
+        notices = tuple(replace(one, file=recording.source) for one in told)
+        return Outline(part.values, part.velocity, every, kept, part.independent, notices)
+
+    def list_speeds(self, recordings: Sequence[Recording]) -> FloatArray:
+        """Return the velocities (m,) of all equations of recordings, slow ones too, group by group."""
+        parts = [self.outline(entry, self.follow(entry)) for entry in recordings]
+        joints = range(self.library.card.size)
+        return np.concatenate([one.velocity[one.every[:, k], k] for k in joints for one in parts])
+
+    def cut(self, states: StateParts) -> Iterator[tuple[slice, FloatArray]]:
         """Yield the matrix (k, n, p) of a recording's equations by stretches of time, and their places."""
-        signals, pieces = self.prepare_states(recording), equations.count_pieces(self.overlap)
+        pieces = equations.count_pieces(self.overlap)
         return equations.cut_matrix(
-            self.kind, self.library, signals, self.processing, window=self.window, pieces=pieces
+            self.kind, self.library, states, self.processing, window=self.window, pieces=pieces
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LongRows:
-    """Equations without their matrix: in its place the `outline` has the places in time (m, 1).
+    """Equations of which only triangles are kept: `rows` are none, but say what they are.
 
-    `triangles` (s, p + 1, p + 1) are of [A y] of segments, not weighed; `starts` (s + 1,) their first rows.
+    `triangles` (s, p + 1, p + 1) are of [A y] of segments, not weighed; `group`, `block` and `weight` (s,) of
+    each its joint, its place among `BLOCKS` of the joint, and the weight of its recording; `counts` (g,)
+    equations. `slow` are the equations that were left out because they are slow, not weighed.
     """
 
-    outline: equations.Rows
+    rows: equations.Rows
     triangles: FloatArray
-    starts: NDArray[np.intp]
+    group: NDArray[np.intp]
+    block: NDArray[np.intp]
+    weight: FloatArray
+    counts: NDArray[np.intp]
+    slow: Condensed
 
-    def condense(self) -> Condensed:
-        """Return the condensed equations of all runs, weighed."""
-        groups, owner = len(self.outline.group_names), self.outline.group[self.starts[:-1]]
-        factors = np.array([self._join(owner == group) for group in range(groups)])
-        counts = np.bincount(self.outline.group, minlength=groups).astype(np.intp)
-        return Condensed(factors=factors, counts=counts, independent=self.outline.independent)
+    def condense(self, *, weighed: bool = True) -> Condensed:
+        """Return the condensed equations of all runs."""
+        groups, independent = range(len(self.counts)), self.rows.independent
+        factors = np.array([self._join(self.group == group, weighed=weighed) for group in groups])
+        return Condensed(factors=factors, counts=self.counts, independent=independent)
 
     def sketch(self) -> equations.Rows:
         """Return p + 1 equations for each of `BLOCKS` of time of every joint, with the block's squares.
 
         A'A and A'y of every block are those of its equations, so `compute_block_deviations` gives the same.
         """
-        outline, first, size = self.outline, self.starts[:-1], self.triangles.shape[1]
-        parts, groups = [], []
-        for group in np.unique(outline.group):
-            members = outline.group == group
-            for block in np.array_split(np.flatnonzero(members), BLOCKS):
-                inside = members[first] & (first >= block[0]) & (first <= block[-1])
-                parts.append(self._join(inside))
-                groups.append(group)
-        table, count = np.vstack(parts), len(parts) * size
+        pairs = [(group, block) for group in np.unique(self.group) for block in range(BLOCKS)]
+        parts = [self._join((self.group == group) & (self.block == block)) for group, block in pairs]
+        table, size = np.vstack(parts), self.triangles.shape[1]
+        count = len(table)
         return replace(
-            outline,
+            self.rows,
             matrix=table[:, :-1],
             values=table[:, -1],
-            group=np.repeat(groups, size),
+            group=np.repeat([group for group, _ in pairs], size),
             time=np.zeros(count),
             velocity=np.zeros(count),
             run=np.zeros(count, dtype=np.intp),
             weight=np.ones(count),
         )
 
-    def _join(self, inside: NDArray[np.bool_]) -> FloatArray:
+    def _join(self, inside: NDArray[np.bool_], *, weighed: bool = True) -> FloatArray:
         size = self.triangles.shape[1]
-        roots = np.sqrt(self.outline.weight[self.starts[:-1][inside]])
+        roots = np.sqrt(self.weight[inside]) if weighed else np.ones(int(inside.sum()))
         stacked = (self.triangles[inside] * roots[:, None, None]).reshape(-1, size)
         blocks = (stacked[start : start + BLOCK] for start in range(0, len(stacked), BLOCK))
         return extend_triangle(np.zeros((0, size)), blocks)
@@ -551,49 +619,55 @@ def condense_recordings(
     maker: RowBuilder, recordings: Sequence[Recording], weights: Sequence[float] | None
 ) -> LongRows | None:
     """Return the condensed equations of recordings; None where a joint has too few of them for blocks."""
-    outline = equations.stack_rows([maker.outline(entry) for entry in recordings], weights)
-    # Where segments begin, and the end.
-    begins = {len(outline.values)}
-    for group in np.unique(outline.group):
-        members = np.flatnonzero(outline.group == group)
-        if len(members) < BLOCKS:
-            return None
-        begins |= {int(block[0]) for block in np.array_split(members, BLOCKS)}
-        _, firsts = np.unique(outline.run[members], return_index=True)
-        begins |= {*members[firsts].tolist()}
-    starts = np.array(sorted(begins), dtype=np.intp)
-    size = len(outline.names) + 1
-    triangles = np.zeros((len(starts) - 1, size, size))
-    for run, recording in enumerate(recordings):
-        mine, joints = outline.run == run, range(maker.library.card.size)
-        own = [np.flatnonzero(mine & (outline.group == joint)) for joint in joints]
-        times = [outline.matrix[places, 0].astype(np.intp) for places in own]
-        for part, matrix in maker.cut(recording):
-            for joint, (places, time) in enumerate(zip(own, times, strict=True)):
-                low, high = np.searchsorted(time, [part.start, part.stop])
-                chosen = places[low:high]
-                columns = matrix[time[low:high] - part.start, joint]
-                table = np.column_stack([columns, outline.values[chosen]])
-                owner = np.searchsorted(starts, chosen, side="right") - 1
-                for segment in np.unique(owner):
-                    inside = table[owner == segment]
-                    blocks = (inside[start : start + BLOCK] for start in range(0, len(inside), BLOCK))
-                    triangles[segment] = extend_triangle(triangles[segment], blocks)
-    return LongRows(outline=outline, triangles=triangles, starts=starts)
+    states = list(map(maker.follow, recordings))
+    parts = list(map(maker.outline, recordings, states))
+    card, size = maker.library.card, len(maker.library.card.fitted) + 1
+    joints, weigh = range(card.size), weights or [1.0] * len(parts)
+    # Rows of each joint in each run; where segments of a joint begin, blocks and runs, and the end.
+    sizes = np.array([part.kept.sum(axis=0) for part in parts])
+    counts = sizes.sum(axis=0)
+    if np.any((counts > 0) & (counts < BLOCKS)):
+        return None
+    blocks = [np.cumsum([0, *map(len, np.array_split(np.empty(count), BLOCKS))]) for count in counts]
+    runs = np.vstack([np.zeros(card.size, dtype=np.intp), np.cumsum(sizes, axis=0)])
+    begins = [np.unique(np.concatenate([blocks[joint], runs[:, joint]])) for joint in joints]
+    triangles = [np.zeros((len(begin) - 1, size, size)) for begin in begins]
+    slow, passed = np.zeros((card.size, size, size)), np.zeros(card.size, dtype=np.intp)
+    for part, state in zip(parts, states, strict=True):
+        for stretch, matrix in maker.cut(state):
+            kept, every, values = part.kept[stretch], part.every[stretch], part.values[stretch]
+            for joint in joints:
+                table = np.column_stack([matrix[:, joint], values[:, joint]])
+                slow[joint] = _add_rows(slow[joint], table[every[:, joint] & ~kept[:, joint]])
+                table = table[kept[:, joint]]
+                owner = (
+                    np.searchsorted(begins[joint], passed[joint] + np.arange(len(table)), side="right") - 1
+                )
+                passed[joint] += len(table)
+                for place in np.unique(owner):
+                    triangles[joint][place] = _add_rows(triangles[joint][place], table[owner == place])
+    first = [begin[:-1] for begin in begins]
+    run = [np.searchsorted(runs[:, joint], first[joint], side="right") - 1 for joint in joints]
+    block = [np.searchsorted(blocks[joint], first[joint], side="right") - 1 for joint in joints]
+    everything = np.array([part.every.sum(axis=0) for part in parts]).sum(axis=0)
+    names = [joint.name for joint in card.joints]
+    told = dict.fromkeys(notice for part in parts for notice in part.notices)
+    lost = _describe_slow(names, everything - counts, everything, _list_limits(maker.processing, card.size))
+    shares = [part.independent * int(part.kept.sum()) for part in parts]
+    independent = sum(shares) / max(int(counts.sum()), 1)
+    none = np.empty((0, card.size))
+    empty = equations.EquationPart(np.empty((0, card.size, size - 1)), none, np.empty(0), none, independent)
+    return LongRows(
+        rows=replace(equations.assemble_rows(maker.kind, card, empty), notices=(*told, *lost)),
+        triangles=np.concatenate(triangles),
+        group=np.repeat(np.arange(card.size), list(map(len, first))),
+        block=np.concatenate(block),
+        weight=np.asarray(weigh, dtype=np.float64)[np.concatenate(run)],
+        counts=counts,
+        slow=Condensed(factors=slow, counts=everything - counts, independent=independent),
+    )
 
 
-def predict_outlines(
-    maker: RowBuilder, recordings: Sequence[Recording], outlines: Sequence[equations.Rows], values: FloatArray
-) -> list[FloatArray]:
-    """Return what parameters (p,) predict of the equations (m,) of each outline, by another pass for all."""
-    predicted = [np.empty(len(outline.values)) for outline in outlines]
-    for run, recording in enumerate(recordings):
-        if maker.kind == "torque":
-            torques = equations.evaluate_torques(maker.library, maker.prepare_states(recording), values)
-            whole = logs.decimate(torques, maker.processing.decimation)
-        else:
-            whole = np.concatenate([matrix @ values for _, matrix in maker.cut(recording)])
-        for outline, found in zip(outlines, predicted, strict=True):
-            own = outline.run == run
-            found[own] = whole[outline.matrix[own, 0].astype(np.intp), outline.group[own]]
-    return predicted
+def _add_rows(triangle: FloatArray, table: FloatArray) -> FloatArray:
+    blocks = (table[start : start + BLOCK] for start in range(0, len(table), BLOCK))
+    return extend_triangle(triangle, blocks) if len(table) else triangle
