@@ -79,6 +79,7 @@ if TYPE_CHECKING:
         differentiate as differentiate,
         differentiate_smooth as differentiate_smooth,
         estimate_density as estimate_density,
+        list_live as list_live,
         low_pass as low_pass,
         mask_decimated as mask_decimated,
         mask_filtered as mask_filtered,

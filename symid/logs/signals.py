@@ -37,8 +37,6 @@ matrices."""
 _RESTING = 1e-8
 """Of its fastest speed, below which a joint rests: what rounding leaves of a still encoder, of which dry
 friction would take the sign. Encoders of 20 bits have a hundred times as much."""
-_PROBES = 64
-"""Samples at which columns are looked at first."""
 _NUMBERS = 2**21
 """Of a piece that is decimated at a time."""
 _VANISHED = 1e-19
@@ -192,9 +190,7 @@ def _filter_both_ways(kind: _LowPass, values: FloatArray, thin: int = 1) -> Floa
         return np.ascontiguousarray(smooth[first::factor])
     flat = np.asarray(values, dtype=np.float64).reshape(len(values), math.prod(values.shape[1:]))
     rows = np.zeros((kept, flat.shape[1]))
-    # A regressor has many columns without a number other than zero.
-    live = flat[:: max(1, len(flat) // _PROBES)].any(axis=0)
-    places = np.flatnonzero(live if live.all() else flat.any(axis=0))
+    places = list_live(flat)
     # Fewer of long signals bound the memory.
     width = max(1, _NUMBERS // len(flat))
     for start in range(0, len(places), width):
@@ -204,6 +200,12 @@ def _filter_both_ways(kind: _LowPass, values: FloatArray, thin: int = 1) -> Floa
         part = slice(own[0], own[-1] + 1) if together else own
         rows[:, part] = blocks.pass_columns(flat[:, part], kept)
     return rows.reshape(kept, *values.shape[1:])
+
+
+def list_live(columns: FloatArray) -> NDArray[np.intp]:
+    """Return the places of columns (N, c) with a number other than zero: of a regressor many have none."""
+    # No numbers but zeros have a weighted sum that is zero to the last bit.
+    return np.flatnonzero(np.sqrt(np.arange(1.0, len(columns) + 1.0)) @ columns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -612,6 +614,13 @@ class SignalParts:
             last = self._last = part.start, _derive_signals(own, settings, self.period, self._fastest)
         place, known = last
         return known.cut(slice(part.start - place, part.stop - place, part.step))
+
+    def measure_accelerations(self) -> FloatArray:
+        """Return the mean squares (n,) of the accelerations."""
+        count = len(self.time)
+        starts = range(0, count, _BLOCK)
+        parts = (self.cut(slice(start, min(count, start + _BLOCK))).ddq for start in starts)
+        return np.asarray(sum(np.sum(part**2, axis=0) for part in parts) / count)
 
 
 _USED = ("velocity", "acceleration", "load", "temperature")

@@ -142,9 +142,9 @@ def measure_moving_ends(processing: Processing, recordings: Sequence[Recording])
     for recording in recordings if cutoff is not None else ():
         spoilt = count_spoilt(cutoff, recording.period)
         span = max(1, round(spoilt / POLICY.periods))
-        speed = np.abs(recording.position[span:] - recording.position[:-span])
-        if len(speed):
-            moving = np.any(speed[[0, -1]] > POLICY.relevance * speed.max(axis=0), axis=1)
+        for values in recording.position.T if span < len(recording.time) else ():
+            speed = np.abs(values[span:] - values[:-span])
+            moving = speed[[0, -1]] > POLICY.relevance * speed.max()
             found = [max(one, spoilt if moves else 0) for one, moves in zip(found, moving, strict=True)]
     return found[0], found[1]
 
