@@ -33,7 +33,6 @@ if TYPE_CHECKING:
         LogPart as LogPart,
         Recording as Recording,
         Signals as Signals,
-        SignalSource as SignalSource,
         States as States,
         cut_ends as cut_ends,
         cut_recording as cut_recording,

@@ -266,6 +266,7 @@ def _repair_samples(log: Recording, joints: Sequence[Joint]) -> tuple[Recording,
                     bad[mask, index if name in {"torque", "load"} else slice(None)] = True
                     if kind != "clipped":
                         repaired[:, index] = _bridge(repaired[:, index], mask)
+        repaired.setflags(write=False)
         changed: dict[str, Any] = {name: repaired}
         log = replace(log, **changed)
     return replace(log, bad=bad) if found else log, found

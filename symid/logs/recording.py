@@ -20,7 +20,7 @@ import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,7 +75,7 @@ class LogExtent:
     digest: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, weakref_slot=True)
 class Recording:
     """What a log holds.
 
@@ -182,25 +182,6 @@ class Signals(FrozenArrays):
         """Return the states at some samples."""
         load, warmth = (None if part is None else part[places] for part in (self.load, self.temperature))
         return self.q[places], self.dq[places], self.ddq[places], load, warmth
-
-
-class SignalSource(Protocol):
-    """Signals of which parts are asked for: those in memory, or others that are made part by part."""
-
-    @property
-    def time(self) -> FloatArray:
-        """Return the times (N,) in s."""
-
-    @property
-    def period(self) -> float:
-        """Return the sample period in s."""
-
-    @property
-    def bad(self) -> NDArray[np.bool_] | None:
-        """Return the bad samples (N, n)."""
-
-    def cut(self, part: slice) -> Signals:
-        """Return a part of the samples, one in its step."""
 
 
 STATES = ("position", "velocity", "acceleration")

@@ -578,10 +578,17 @@ class SignalParts:
     """Signals of a log part by part, never all in memory: those of `prepare_signals`, up to rounding.
 
     `time` (N,) s, `period` in s and `bad` (N, n) as in `Signals`. What rounding leaves of a joint at rest is
-    measured by its fastest speed before the filter.
+    measured by its fastest speed before the filter. `settle` makes more of a part, with the mean positions of
+    the joints that are `resting`.
     """
 
-    def __init__(self, recording: Recording, processing: Processing) -> None:
+    def __init__(
+        self,
+        recording: Recording,
+        processing: Processing,
+        resting: tuple[int, ...] = (),
+        settle: Callable[[Signals, list[float]], Signals] | None = None,
+    ) -> None:
         """Take what is of the whole log; a LogError as of `prepare_signals`."""
         check_signals(recording, processing)
         kept = slice(processing.drop_first, len(recording.time) - processing.drop_last)
@@ -597,6 +604,11 @@ class SignalParts:
             edge = min(1.0, 2.0 * processing.filter_cutoff * self.period)
             kind = _LowPass(order=processing.filter_order, edge=edge)
             self._margin += _count_remembered(kind, _MEMORY_FLOOR) if edge < 1.0 else 0
+        self.resting, self._settle = resting, settle
+        held = (replace(recording, position=recording.position[:, [joint]]) for joint in resting)
+        self._places = [
+            float(np.mean(_smooth(one, "position", processing, self.period)[kept])) for one in held
+        ]
         self._last: tuple[int, Signals] | None = None
 
     def cut(self, part: slice) -> Signals:
@@ -611,7 +623,9 @@ class SignalParts:
             given = {name: getattr(self._recording, name) for name in names}
             cut: dict[str, Any] = {name: part[wide] for name, part in given.items() if part is not None}
             own = Recording(**cut, source=self._recording.source)
-            last = self._last = part.start, _derive_signals(own, settings, self.period, self._fastest)
+            found = _derive_signals(own, settings, self.period, self._fastest)
+            found = found if self._settle is None else self._settle(found, self._places)
+            last = self._last = part.start, found
         place, known = last
         return known.cut(slice(part.start - place, part.stop - place, part.step))
 

@@ -8,10 +8,10 @@ from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
     "files of symid/": 228,
-    "lines": 84_448,
+    "lines": 84_770,  # Long logs are passed part by part.
     "imports inside functions": 78,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
-    "lines of tests": 61_033,  # Faults of samples, and plants of the judge, are tested on their own.
+    "lines of tests": 61_108,  # Faults of samples, and plants of the judge, are tested on their own.
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }

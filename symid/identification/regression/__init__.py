@@ -64,7 +64,6 @@ if TYPE_CHECKING:
         LoadGain as LoadGain,
         Rotor as Rotor,
         RowBuilder as RowBuilder,
-        StateParts as StateParts,
         check_joints as check_joints,
         choose_filters as choose_filters,
         choose_window as choose_window,

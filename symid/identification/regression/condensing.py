@@ -125,7 +125,8 @@ def measure_repetition(recording: Recording, band: float) -> float:
     moved = 2.0 * float(np.sum(np.mean(position**2, axis=0)))
     if count < 8 or not moved:
         return 0.0
-    size = 2 * count
+    # A power of two: other lengths may take several times as long.
+    size = 1 << (2 * count - 1).bit_length()
     power = sum(np.abs(np.fft.rfft(values, n=size)) ** 2 for values in position.T)
     products = np.fft.irfft(power, n=size)[:count]
     squares = np.concatenate([[0.0], np.cumsum(np.sum(position**2, axis=1))])

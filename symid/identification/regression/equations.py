@@ -32,7 +32,7 @@ from symid.codegen import Library, ModelCard
 from symid.errors import Notice, UsageError
 from symid.identification.judge import numerics
 from symid.joint_models import compute_column_derivatives, get_law
-from symid.logs import Signals, SignalSource, mask_touched
+from symid.logs import SignalParts, Signals, mask_touched
 from symid.notation import join_name
 from symid.robot import Processing
 
@@ -116,7 +116,7 @@ class EquationPart(NamedTuple):
 
 
 def outline_part(
-    kind: str, signals: SignalSource, processing: Processing, window: float, pieces: int
+    kind: str, signals: Signals | SignalParts, processing: Processing, window: float, pieces: int
 ) -> EquationPart:
     """Return torque or momentum equations without their matrix.
 
@@ -153,7 +153,7 @@ def outline_part(
 def cut_matrix(
     kind: str,
     library: Library,
-    signals: SignalSource,
+    signals: Signals | SignalParts,
     processing: Processing,
     *,
     window: float,
@@ -172,7 +172,7 @@ def cut_matrix(
 
         def evaluate_friction(part: slice) -> FloatArray:
             states = signals.cut(part).pick_states(slice(None))
-            return np.concatenate(_evaluate_friction(library, states), axis=2)
+            return np.concatenate(_evaluate_friction(library, states), axis=2).reshape(len(states[0]), -1)
 
         thin = logs.choose_thinning(processing, signals.period)
         settings = len(signals.time), processing.decimation
@@ -182,7 +182,7 @@ def cut_matrix(
             return
         friction = logs.decimate_blocks(evaluate_friction, *settings)
         for (rows, left), (_, right) in zip(rigid, friction, strict=True):
-            yield rows, np.concatenate([left, right], axis=2)
+            yield rows, np.concatenate([left, right.reshape(*left.shape[:2], -1)], axis=2)
         return
     windows = choose_windows(len(signals.time), signals.period, window, pieces)
     for rows, block, part in _cut_windows(windows, pieces):
@@ -236,7 +236,7 @@ def evaluate_torques(library: Library, signals: Signals, values: FloatArray) -> 
 
 
 def _outline_windows(
-    signals: SignalSource, windows: Windows, pieces: int, values: FloatArray, velocity: FloatArray
+    signals: Signals | SignalParts, windows: Windows, pieces: int, values: FloatArray, velocity: FloatArray
 ) -> EquationPart:
     ends, places = signals.time[windows.ends], np.arange(len(signals.time))[windows.ends]
     return EquationPart(

@@ -17,9 +17,10 @@ median of the power spectral density of the position (Welch) over the upper half
 
     noise   floor (2 pi)^4 b^5 / 5,     motion   integral to b of (density - floor) (2 pi f)^4 df
 
-Long logs have outlines (values, times, velocities and weights of all equations) and segments: stretches of
-time of one joint in one run, each with the triangle of [A y], from which all but residuals are computed.
-Segments begin wherever a block of `compute_block_deviations` or a run begins.
+Long logs are passed twice, part by part: for values and velocities of all equations, which say what counts,
+and for the triangles of [A y] of segments, from which all else is computed. Segments are stretches of time of
+one joint in one run; they begin wherever a block of `compute_block_deviations` or a run begins. Equations
+that are slow have a triangle of each joint, for what the fit leaves of them.
 
 Supported: several recordings (the best of them counts for each joint); encoders with white noise,
 quantisation included; known payloads, whose torque Y dbeta is subtracted; joints at rest, whose rows are
@@ -33,6 +34,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +53,7 @@ from symid.identification.regression.identifiability import (
     hold_resting_joints,
     list_resting_joints,
 )
-from symid.logs import Recording, Signals
+from symid.logs import Recording, SignalParts, Signals
 from symid.robot import Processing, Robot
 
 
@@ -65,8 +67,13 @@ class JointBand(NamedTuple):
     clean: float
 
 
+_BANDS: WeakKeyDictionary[Recording, tuple[JointBand, ...]] = WeakKeyDictionary()
+
+
 def measure_bands(recording: Recording) -> tuple[JointBand, ...]:
-    """Return noise and clean band of every joint of a recording."""
+    """Return noise and clean band of every joint of a recording; the same one is measured once."""
+    if recording in _BANDS:
+        return _BANDS[recording]
     rate = 1.0 / recording.period
     length = min(len(recording.time), max(64, round(2.0 * rate)))
     frequency, density = logs.estimate_density(recording.position, rate, length)
@@ -78,7 +85,7 @@ def measure_bands(recording: Recording) -> tuple[JointBand, ...]:
         below = np.flatnonzero(np.cumsum(floor * steep) <= POLICY.relevance * motion)
         clean = float(frequency[below[-1]]) if len(below) else 0.0
         bands.append(JointBand(float(np.sqrt(floor)), clean))
-    return tuple(bands)
+    return _BANDS.setdefault(recording, tuple(bands))
 
 
 class FilterChoice(NamedTuple):
@@ -373,7 +380,7 @@ def outline_motion(
 ) -> tuple[tuple[float, ...], ...]:
     """Return states q, dq, ddq (`STATES`, 3 n) evenly spread over the recordings, with six digits."""
     used = choose_filters(processing, recordings).processing
-    signals = [StateParts(library, entry, used) for entry in recordings]
+    signals = [follow_states(library, entry, used) for entry in recordings]
     ends, rows = np.cumsum([0, *(len(entry.time) for entry in signals)]), list[tuple[float, ...]]()
     for place in np.linspace(0, ends[-1] - 1, min(STATES, int(ends[-1]))).round().astype(int):
         run = int(np.searchsorted(ends, place, side="right")) - 1
@@ -479,39 +486,14 @@ BLOCKS = POLICY.folds * POLICY.parts
 """Blocks of consecutive equations of a joint: within one, residuals may depend on each other."""
 
 
-class StateParts:
-    """States and torques of a recording part by part: those of `prepare_states`, up to rounding."""
+def follow_states(library: Library, recording: Recording, processing: Processing) -> SignalParts:
+    """Return the states and torques of `prepare_states` part by part; errors are the same."""
+    resting = _check_motion(library, recording)
 
-    def __init__(self, library: Library, recording: Recording, processing: Processing) -> None:
-        """Take what is of the whole log; errors are those of `prepare_states`."""
-        self.resting = _check_motion(library, recording)
-        self._library, self._recording = library, recording
-        self._parts = logs.SignalParts(recording, processing)
-        self.time, self.period, self.bad = self._parts.time, self._parts.period, self._parts.bad
-        cutoff, order = processing.filter_cutoff, processing.filter_order
-        self._held = []
-        for joint in self.resting:
-            q = recording.position[:, joint]
-            q = q if cutoff is None else logs.low_pass(q, period=self.period, cutoff=cutoff, order=order)
-            self._held.append(float(np.mean(q[processing.drop_first : len(q) - processing.drop_last])))
+    def settle(signals: Signals, places: Sequence[float]) -> Signals:
+        return _settle_states(library, recording, signals, resting, places)
 
-    def cut(self, part: slice) -> Signals:
-        """Return a part of the samples, one in its step."""
-        return _settle_states(self._library, self._recording, self._parts.cut(part), self.resting, self._held)
-
-
-class Outline(NamedTuple):
-    """Equations (M, n) of a recording without their matrix.
-
-    `every` are those that no bad sample nor a joint at rest is in, `kept` those of them that are not slow.
-    """
-
-    values: FloatArray
-    velocity: FloatArray
-    every: NDArray[np.bool_]
-    kept: NDArray[np.bool_]
-    independent: float
-    notices: tuple[Notice, ...]
+    return SignalParts(recording, processing, resting, settle)
 
 
 class RowBuilder(NamedTuple):
@@ -529,12 +511,14 @@ class RowBuilder(NamedTuple):
             self.kind, self.library, recording, self.processing, window=self.window, overlap=self.overlap
         )
 
-    def follow(self, recording: Recording) -> StateParts:
+    def follow(self, recording: Recording) -> SignalParts:
         """Return the states of a recording."""
-        return StateParts(self.library, recording, self.processing)
+        return follow_states(self.library, recording, self.processing)
 
-    def outline(self, recording: Recording, states: StateParts) -> Outline:
-        """Return the equations of a recording without their matrix."""
+    def outline(
+        self, recording: Recording, states: SignalParts
+    ) -> tuple[equations.EquationPart, NDArray[np.bool_], tuple[Notice, ...]]:
+        """Return the equations of a recording without a matrix, and which (M, n) are good and not at rest."""
         card, pieces = self.library.card, equations.count_pieces(self.overlap)
         part = equations.outline_part(self.kind, states, self.processing, self.window, pieces)
         bad = np.zeros(part.values.shape, dtype=np.bool_) if part.bad is None else part.bad
@@ -544,19 +528,15 @@ class RowBuilder(NamedTuple):
         told += [_describe_rest(card.joints[joint].name) for joint in held]
         every = ~bad
         every[:, held] = False
-        kept = every
-        if self.processing.standstill:
-            kept = every & (np.abs(part.velocity) >= _list_limits(self.processing, card.size))
-        notices = tuple(replace(one, file=recording.source) for one in told)
-        return Outline(part.values, part.velocity, every, kept, part.independent, notices)
+        return part, every, tuple(replace(one, file=recording.source) for one in told)
 
     def list_speeds(self, recordings: Sequence[Recording]) -> FloatArray:
         """Return the velocities (m,) of all equations of recordings, slow ones too, group by group."""
         parts = [self.outline(entry, self.follow(entry)) for entry in recordings]
         joints = range(self.library.card.size)
-        return np.concatenate([one.velocity[one.every[:, k], k] for k in joints for one in parts])
+        return np.concatenate([part.velocity[every[:, k], k] for k in joints for part, every, _ in parts])
 
-    def cut(self, states: StateParts) -> Iterator[tuple[slice, FloatArray]]:
+    def cut(self, states: SignalParts) -> Iterator[tuple[slice, FloatArray]]:
         """Yield the matrix (k, n, p) of a recording's equations by stretches of time, and their places."""
         pieces = equations.count_pieces(self.overlap)
         return equations.cut_matrix(
@@ -620,52 +600,53 @@ def condense_recordings(
 ) -> LongRows | None:
     """Return the condensed equations of recordings; None where a joint has too few of them for blocks."""
     states = list(map(maker.follow, recordings))
-    parts = list(map(maker.outline, recordings, states))
+    parts, every, notices = zip(*map(maker.outline, recordings, states), strict=True)
     card, size = maker.library.card, len(maker.library.card.fitted) + 1
-    joints, weigh = range(card.size), weights or [1.0] * len(parts)
-    # Rows of each joint in each run; where segments of a joint begin, blocks and runs, and the end.
-    sizes = np.array([part.kept.sum(axis=0) for part in parts])
-    counts = sizes.sum(axis=0)
+    limits, joints = _list_limits(maker.processing, card.size), range(card.size)
+    kept = [own & (np.abs(part.velocity) >= limits) for own, part in zip(every, parts, strict=True)]
+    # Rows of each joint in each run; where its segments begin, which are of one block and one run.
+    sizes = np.array([own.sum(axis=0) for own in kept])
+    counts, whole = sizes.sum(axis=0), np.sum([own.sum(axis=0) for own in every], axis=0)
     if np.any((counts > 0) & (counts < BLOCKS)):
         return None
-    blocks = [np.cumsum([0, *map(len, np.array_split(np.empty(count), BLOCKS))]) for count in counts]
-    runs = np.vstack([np.zeros(card.size, dtype=np.intp), np.cumsum(sizes, axis=0)])
-    begins = [np.unique(np.concatenate([blocks[joint], runs[:, joint]])) for joint in joints]
+    blocks = [np.cumsum([0, *(len(part) for part in np.array_split(np.empty(n), BLOCKS))]) for n in counts]
+    runs = np.vstack([np.zeros_like(counts), np.cumsum(sizes, axis=0)]).T
+    begins = [np.unique(np.concatenate(pair)) for pair in zip(blocks, runs, strict=True)]
     triangles = [np.zeros((len(begin) - 1, size, size)) for begin in begins]
-    slow, passed = np.zeros((card.size, size, size)), np.zeros(card.size, dtype=np.intp)
-    for part, state in zip(parts, states, strict=True):
+    slow, passed = np.zeros((card.size, size, size)), np.zeros_like(counts)
+    for state, part, some, used in zip(states, parts, every, kept, strict=True):
         for stretch, matrix in maker.cut(state):
-            kept, every, values = part.kept[stretch], part.every[stretch], part.values[stretch]
             for joint in joints:
-                table = np.column_stack([matrix[:, joint], values[:, joint]])
-                slow[joint] = _add_rows(slow[joint], table[every[:, joint] & ~kept[:, joint]])
-                table = table[kept[:, joint]]
-                owner = (
-                    np.searchsorted(begins[joint], passed[joint] + np.arange(len(table)), side="right") - 1
-                )
+                table = np.column_stack([matrix[:, joint], part.values[stretch, joint]])
+                fast = used[stretch, joint]
+                slow[joint] = _add_rows(slow[joint], table[some[stretch, joint] & ~fast])
+                table, first = table[fast], passed[joint]
                 passed[joint] += len(table)
+                owner = _find_owners(begins[joint], np.arange(first, passed[joint]))
                 for place in np.unique(owner):
                     triangles[joint][place] = _add_rows(triangles[joint][place], table[owner == place])
-    first = [begin[:-1] for begin in begins]
-    run = [np.searchsorted(runs[:, joint], first[joint], side="right") - 1 for joint in joints]
-    block = [np.searchsorted(blocks[joint], first[joint], side="right") - 1 for joint in joints]
-    everything = np.array([part.every.sum(axis=0) for part in parts]).sum(axis=0)
-    names = [joint.name for joint in card.joints]
-    told = dict.fromkeys(notice for part in parts for notice in part.notices)
-    lost = _describe_slow(names, everything - counts, everything, _list_limits(maker.processing, card.size))
-    shares = [part.independent * int(part.kept.sum()) for part in parts]
-    independent = sum(shares) / max(int(counts.sum()), 1)
+    starts = [begin[:-1] for begin in begins]
+    run = np.concatenate(list(map(_find_owners, runs, starts)))
+    told = dict.fromkeys(notice for own in notices for notice in own)
+    lost = _describe_slow([joint.name for joint in card.joints], whole - counts, whole, limits)
+    shares = sizes.sum(axis=1) / max(int(counts.sum()), 1)
+    independent = float(shares @ [part.independent for part in parts])
     none = np.empty((0, card.size))
     empty = equations.EquationPart(np.empty((0, card.size, size - 1)), none, np.empty(0), none, independent)
     return LongRows(
         rows=replace(equations.assemble_rows(maker.kind, card, empty), notices=(*told, *lost)),
         triangles=np.concatenate(triangles),
-        group=np.repeat(np.arange(card.size), list(map(len, first))),
-        block=np.concatenate(block),
-        weight=np.asarray(weigh, dtype=np.float64)[np.concatenate(run)],
+        group=np.repeat(joints, list(map(len, starts))),
+        block=np.concatenate(list(map(_find_owners, blocks, starts))),
+        weight=np.asarray(weights or np.ones(len(states)), dtype=np.float64)[run],
         counts=counts,
-        slow=Condensed(factors=slow, counts=everything - counts, independent=independent),
+        slow=Condensed(factors=slow, counts=whole - counts, independent=independent),
     )
+
+
+def _find_owners(begins: NDArray[np.intp], places: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return which part each place (k,) is in, of parts that begin somewhere."""
+    return np.searchsorted(begins, places, side="right") - 1
 
 
 def _add_rows(triangle: FloatArray, table: FloatArray) -> FloatArray:

@@ -2,7 +2,7 @@
 
     Recording -> FitPlan -> Rows -> Identifiability -> RegressionFit -> Evidence -> Estimate
 
-Logs that are too long for memory are condensed block by block, and a second pass finds their residuals.
+Logs that are too long for memory are condensed part by part; triangles give their residuals, too.
 Standard deviations hold for residuals that are correlated in time and between joints; an estimator other
 than ols, wls and instruments keeps its own, times what correlation adds to those of wls.
 

@@ -132,7 +132,9 @@ def test_fits_without_a_fold_are_those_of_its_rows(seeds, level, smooth, share):
             speed = np.abs(piece.states[1][::stride, joint])
             kept = (speed >= logs.limits[joint, share]) & ~rest[::stride, joint]
             root = np.sqrt(found.weights[joint])
-            rows = piece.matrices[level][:, joint][kept] * root
+            every = np.arange(len(LIBRARY.card.fitted))
+            columns = piece.pick(piece.matrices[level], joint, every)
+            rows = np.column_stack([columns, piece.torques[level][:, joint]])[kept] * root
             smooth_rows = evaluate_columns(LIBRARY, *piece.slow[smooth])[::stride, joint][kept] * root
             left.append(smooth_rows if smooth < level else rows[:, :-1])
             right.append(rows)
