@@ -11,7 +11,7 @@ MOST = {
     "lines": 84_770,  # Long logs are passed part by part.
     "imports inside functions": 78,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
-    "lines of tests": 61_108,  # Faults of samples, and plants of the judge, are tested on their own.
+    "lines of tests": 61_111,  # Faults of samples, and plants of the judge, are tested on their own.
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }
