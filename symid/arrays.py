@@ -18,8 +18,9 @@ def freeze(values: object) -> FloatArray:
     Whoever makes an array read-only and hands it over must not make it writable again.
     """
     if type(values) is np.ndarray and values.dtype == np.float64:
-        flags = values.flags
-        if flags.owndata and flags.c_contiguous and not flags.writeable:
+        owner = values if values.base is None else values.base
+        alone = type(owner) is np.ndarray and owner.size == values.size and not owner.flags.writeable
+        if alone and owner.flags.owndata and values.flags.c_contiguous and not values.flags.writeable:
             return values
     array = np.array(values, dtype=np.float64, order="C")
     array.setflags(write=False)

@@ -80,7 +80,8 @@ def compute_file_digest(source: str) -> str:
         if path.is_dir():
             inner = [compute_file_digest(str(entry)) for entry in path.iterdir() if entry.is_file()]
             return compute_signature(sorted(inner)) if inner else ""
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        with path.open("rb") as stream:
+            return hashlib.file_digest(stream, "sha256").hexdigest()
     except (OSError, ValueError):
         return ""
 

@@ -68,7 +68,9 @@ if TYPE_CHECKING:
         resample_log as resample_log,
     )
     from symid.logs.signals import (
+        SignalParts as SignalParts,
         choose_processing as choose_processing,
+        choose_thinning as choose_thinning,
         compute_noise_bandwidth as compute_noise_bandwidth,
         decimate as decimate,
         decimate_blocks as decimate_blocks,
@@ -76,6 +78,7 @@ if TYPE_CHECKING:
         differentiate as differentiate,
         differentiate_smooth as differentiate_smooth,
         estimate_density as estimate_density,
+        list_live as list_live,
         low_pass as low_pass,
         mask_decimated as mask_decimated,
         mask_filtered as mask_filtered,

@@ -36,7 +36,7 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
     found = [(notice.code, notice.text) for notice in describe_timing(recording.time)]
     summaries = summarise_joints(recording, robot)
     for index, (joint, summary) in enumerate(zip(robot.axes, summaries, strict=True)):
-        found += _check_position(recording.position[:, index], joint)
+        found += _check_position(recording.position[:, index].copy(), joint)
         torque = recording.torque[:, index]
         peak, most = summary.peak, joint.limits.torque
         if np.ptp(torque) == 0.0 and joint.actuated:
@@ -153,10 +153,11 @@ def estimate_encoder_step(position: FloatArray) -> float:
     # The average over many steps has a smaller rounding error than the smallest difference.
     counts = np.round(near / step)
     step = float(near @ counts / (counts @ counts))
+    if step <= _SMALLEST * float(np.ptp(position)):
+        return 0.0
     counts = differences / step
     off = np.abs(counts - np.round(counts)) * np.minimum(1.0, _LARGEST / np.maximum(counts, 1.0))
-    visible = step > _SMALLEST * float(np.ptp(position))
-    return step if visible and float(np.quantile(off, 0.99)) < _TOLERANCE else 0.0
+    return step if float(np.quantile(off, 0.99)) < _TOLERANCE else 0.0
 
 
 _SPAN = 0.1
@@ -193,10 +194,11 @@ def summarise_joints(recording: Recording, robot: Robot) -> tuple[JointSummary, 
     found = []
     span = max(1, min(round(_SPAN / recording.period), len(recording.time) - 1))
     for index, joint in enumerate(robot.axes):
-        position, torque = recording.position[:, index], recording.torque[:, index]
+        # Columns of their own are read faster, many times.
+        position, torque = recording.position[:, index].copy(), recording.torque[:, index].copy()
         speed = np.abs(position[span:] - position[:-span]) / (span * recording.period)
         top, sweep = float(speed.max()), float(np.ptp(position))
-        peak = float(np.max(np.abs(torque)))
+        peak = float(max(torque.max(), -torque.min()))
         found.append(
             JointSummary(
                 name=joint.name,

@@ -324,7 +324,7 @@ def extract_quantity(
     if moved or np.any(scale != 1.0):
         text = _describe_scale(name, unit, scale, mapped, robot)
         findings.remark("log.converted", f"{name}: {join_names(names)} {text}")
-    values: FloatArray = array * scale
+    values: FloatArray = array * scale if np.any(scale != 1.0) else array
     if matrix is not None:
         # T^-1 for motions, T' for torques.
         rows = np.array(matrix)
@@ -337,6 +337,8 @@ def extract_quantity(
 def _clear_passive(values: FloatArray, robot: Robot, name: str, findings: Findings) -> FloatArray:
     """Return torques (N, n) that are 0 where a joint has no motor; a remark where the log has others."""
     passive = list(robot.passive)
+    if not passive:
+        return values
     logged = [robot.axes[k].name for k in passive if values[:, k].any()]
     if logged:
         text = (

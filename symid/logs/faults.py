@@ -31,7 +31,7 @@ are new (see `checks`); a robot's clock that drifts, whose repeats are interpola
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
@@ -41,12 +41,13 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray
 from symid.errors import Notice
-from symid.logs.recording import Recording, spread_bad
+from symid.logs.recording import Recording
 from symid.logs.sampling import Resampling, mask_onward, plan_resampling, resample_recording
 from symid.logs.signals import describe_uneven
 from symid.robot import Joint
 
 Mask = NDArray[np.bool_]
+Places = NDArray[np.intp]
 FaultKind = Literal["repeats", "resampled", "wraps", "spikes", "stuck", "jumps", "clipped"]
 
 
@@ -127,7 +128,7 @@ def _take_turns_off(log: Recording, joints: Sequence[Joint]) -> tuple[Recording,
     found: list[Notice] = []
     for name in _POSITIONS:
         given = getattr(log, name)
-        if given is None or not np.any(np.abs(np.diff(given, axis=0)) > np.pi):
+        if given is None or not any(np.any(np.abs(np.diff(values)) > np.pi) for values in given.T):
             continue
         pairs = zip(joints, given.T, strict=True)
         whole = np.column_stack([values if joint.prismatic else unwrap(values) for joint, values in pairs])
@@ -142,19 +143,23 @@ def _take_turns_off(log: Recording, joints: Sequence[Joint]) -> tuple[Recording,
     return log, found
 
 
-def mask_repeats(rows: FloatArray, position: FloatArray) -> Mask:
-    """Return which rows (N, m) repeat the one before to the last bit although the robot moves: (N,).
+def mask_repeats(channels: Sequence[FloatArray], position: FloatArray) -> Mask:
+    """Return which rows of channels (N, m) repeat the one before although the robot moves: (N,).
 
     Some joint, at positions (N, n), must go on in the same direction, by several ticks, and by several times
     what its steps differ before and after. If it repeats longer than usual, it must catch up as well: joints
     that stop, turn, or are slower than their encoder explain that rows are equal; not where others repeat as
     often.
     """
-    same = np.append(False, np.all(rows[1:] == rows[:-1], axis=1))
+    same = np.append(False, np.ones(len(position) - 1, dtype=np.bool_))
+    for values in (column for channel in channels for column in channel.T):
+        same[1:] &= values[1:] == values[:-1]
+        if not same.any():
+            return same
+    if np.sum(~same) < 2:
+        return np.zeros(len(position), dtype=np.bool_)
     fresh = np.flatnonzero(~same)
-    if len(fresh) < 2 or len(fresh) == len(rows):
-        return np.zeros(len(rows), dtype=np.bool_)
-    steps, lengths = np.diff(position[fresh], axis=0), np.diff(np.append(fresh, len(rows)))
+    steps, lengths = np.diff(position[fresh], axis=0), np.diff(np.append(fresh, len(position)))
     rounding = _ROUNDING * np.max(np.abs(position), axis=0)
     ticks = np.min(np.abs(steps), axis=0, initial=np.inf, where=np.abs(steps) > rounding)
     padded = np.pad(steps, ((2, 3), (0, 0)), mode="edge")
@@ -207,8 +212,8 @@ def choose_times(recording: Recording) -> Resampling | None:
     even = len(steps) > 0 and onward.all() and describe_uneven(time) is None
     even = even and float(np.std(steps)) <= LEVELS.uneven * float(np.mean(steps))
     channels = [getattr(recording, name) for name in (*_POSITIONS, "torque", "velocity")]
-    rows = np.hstack([values[onward] for values in channels if values is not None])
-    repeated = mask_repeats(rows, position[onward])
+    used = slice(None) if onward.all() else onward
+    repeated = mask_repeats([values[used] for values in channels if values is not None], position[used])
     if even and not repeated.any():
         return None
     poll = float(np.median(steps[steps > 0.0])) if np.any(steps > 0.0) else 0.0
@@ -240,35 +245,40 @@ def choose_times(recording: Recording) -> Resampling | None:
 
 def _repair_samples(log: Recording, joints: Sequence[Joint]) -> tuple[Recording, list[Notice]]:
     """Return the recording with samples of single channels repaired or masked, and what was new."""
-    known = np.zeros(log.position.shape, dtype=np.bool_) if log.bad is None else log.bad
-    bad, found = known.copy(), list[Notice]()
+    known = np.zeros((1, len(joints)), dtype=np.bool_) if log.bad is None else log.bad
+    known = np.broadcast_to(known, log.position.shape)
+    bad, found = known, list[Notice]()
     for name in (*_POSITIONS, "velocity", "torque", "load"):
         given = getattr(log, name)
         if given is None or not np.all(np.isfinite(given)):
             continue
-        repaired = given.copy()
-        sudden = False if name in _POSITIONS else _mask_sudden(log.position)
+        repaired = given
+        sudden = None if name in _POSITIONS else _SuddenMotion(log.position)
         for index, joint in enumerate(joints):
-            old = known[:, index]
-            for kind, whole in _find_faults(name, given[:, index], old | sudden, log, index).items():
+            # A column of its own is read faster, many times.
+            old, values = known[:, index], given[:, index].copy()
+            for kind, whole in _find_faults(name, values, old, log, index, sudden).items():
                 mask = whole & ~old
                 if mask.any():
+                    bad = bad if found else bad.copy()
+                    repaired = given.copy() if repaired is given else repaired
                     found.append(_describe_fault(kind, name, joint, log, mask))
                     bad[mask, index if name in {"torque", "load"} else slice(None)] = True
                     if kind != "clipped":
                         repaired[:, index] = _bridge(repaired[:, index], mask)
+        repaired.setflags(write=False)
         changed: dict[str, Any] = {name: repaired}
         log = replace(log, **changed)
     return replace(log, bad=bad) if found else log, found
 
 
-def _find_faults(
-    name: str, values: FloatArray, known: Mask, log: Recording, joint: int
+def _find_faults(  # noqa: PLR0917 - a channel, and what is known of its log
+    name: str, values: FloatArray, known: Mask, log: Recording, joint: int, sudden: "_SuddenMotion | None"
 ) -> dict[FaultKind, Mask]:
     """Return the wrong samples (N,) of a channel by kind; what is near `known` ones is not looked at."""
     curvature = _measure_curvature(values)
-    if name in _POSITIONS:
-        spikes = _mask_spikes(values, known, curvature)
+    if sudden is None:
+        spikes = _mask_spikes(values, known.__getitem__, curvature)
         if spikes.any():
             values = _bridge(values, spikes)
             curvature = _measure_curvature(values)
@@ -277,59 +287,77 @@ def _find_faults(
             values = _bridge(values, stuck)
             curvature = _measure_curvature(values)
         return {"spikes": spikes, "stuck": stuck, "jumps": _mask_jumps(values, known, curvature.ordinary)}
-    # The largest step to another level: between what is largest before it and least after it, or reversed.
-    span = LEVELS.longest + 1
-    windows = sliding_window_view(values, len(values) - LEVELS.longest)
-    low, high = windows.min(axis=0), windows.max(axis=0)
-    stays = max(0.0, float(np.max(low[span:] - high[:-span])), float(np.max(low[:-span] - high[span:])))
-    found: dict[FaultKind, Mask] = {"spikes": _mask_spikes(values, known, curvature, 2.0 * stays)}
+
+    def look(places: Places) -> Mask:
+        return known[places] | sudden.mask(places)
+
+    found: dict[FaultKind, Mask] = {"spikes": _mask_spikes(values, look, curvature, returning=True)}
     if name == "torque":
         found["clipped"] = _mask_clipped(values, log.position[:, joint])
     return found
 
 
 class _Curvature(NamedTuple):
-    """Second differences (N,): what is ordinary, and the largest up to, and from, each sample (N,)."""
+    """Sizes of second differences: what is ordinary, and `steep` (k,) samples that stand out, of `values`."""
 
-    here: FloatArray
+    values: FloatArray
     ordinary: float
-    before: FloatArray
-    after: FloatArray
+    steep: Places
+
+    def measure(self, places: Places) -> FloatArray:
+        """Return those at some samples, zero at the ends and beyond."""
+        inner = np.clip(places, 1, len(self.values) - 2)
+        before, here, after = (self.values[inner + k] for k in (-1, 0, 1))
+        return np.where(inner == places, np.abs((after - here) - (here - before)), 0.0)
+
+    def measure_most(self, places: Places, way: int) -> FloatArray:
+        """Return the largest one of each of some samples (k,) and its neighbours before it or after it."""
+        return np.asarray(self.measure(places[:, None] + way * np.arange(LEVELS.neighbours)).max(axis=1))
 
 
 def _measure_curvature(values: FloatArray) -> _Curvature:
-    curve, reach = np.pad(np.abs(np.diff(values, n=2)), 1), LEVELS.neighbours
-    used = curve[curve > _ROUNDING * float(np.max(np.abs(values)))]
-    most = np.max(sliding_window_view(np.pad(curve, reach), len(values) + reach)[:reach], axis=0)
-    ordinary = float(np.quantile(used, LEVELS.ordinary)) if len(used) else math.inf
-    return _Curvature(curve, ordinary, most[1 : len(values) + 1], most[reach : reach + len(values)])
+    curve = np.diff(values, n=2)
+    np.abs(curve, out=curve)
+    used = curve[curve > _ROUNDING * max(float(np.max(values)), -float(np.min(values)))]
+    ordinary = float(np.quantile(used, LEVELS.ordinary, overwrite_input=True)) if len(used) else math.inf
+    return _Curvature(values, ordinary, 1 + np.flatnonzero(curve > LEVELS.level * ordinary))
 
 
-def _mask_sudden(position: FloatArray) -> Mask:
-    """Return the samples (N,) near which a joint is accelerated as it is not before, or not after."""
-    reach = LEVELS.longest + 1
-    found = np.zeros(position.shape, dtype=np.bool_)
-    for own, values in zip(found.T, position.T, strict=True):
-        curve = _measure_curvature(values)
-        places = np.flatnonzero(curve.here > curve.ordinary)
-        before, after = np.maximum(places - reach, 0), np.minimum(places + reach, len(position) - 1)
-        quiet = np.minimum(curve.before[before], curve.after[after])
-        own[places] = curve.here[places] > LEVELS.level * quiet
-    return np.asarray(np.any(spread_bad(found, LEVELS.longest), axis=1))
+class _SuddenMotion:
+    """Samples near which a joint, at positions (N, n), is accelerated as it is not before, or not after."""
+
+    def __init__(self, position: FloatArray) -> None:
+        self._position, self._curves = position, list[_Curvature]()
+
+    def mask(self, places: Places) -> Mask:
+        """Return whether some samples (...) are near such a motion."""
+        self._curves = self._curves or [_measure_curvature(values) for values in self._position.T]
+        beside, reach = np.arange(-LEVELS.longest, LEVELS.longest + 1), LEVELS.longest + 1
+        last = len(self._position) - 1
+        wide = np.clip(places[..., None] + beside, 0, last)
+        samples, back = np.unique(wide, return_inverse=True)
+        found = np.zeros(len(samples), dtype=np.bool_)
+        for curve in self._curves:
+            here = curve.measure(samples)
+            own = np.flatnonzero(here > curve.ordinary)
+            before = curve.measure_most(np.maximum(samples[own] - reach, 0), -1)
+            after = curve.measure_most(np.minimum(samples[own] + reach, last), 1)
+            found[own] |= here[own] > LEVELS.level * np.minimum(before, after)
+        return np.asarray(found[back.reshape(wide.shape)].any(axis=-1))
 
 
 def _stand_out(
-    values: FloatArray, length: int, known: Mask, curvature: _Curvature
-) -> tuple[NDArray[np.intp], FloatArray, FloatArray]:
+    values: FloatArray, length: int, known: Callable[[Places], Mask], curvature: _Curvature
+) -> tuple[Places, FloatArray, FloatArray]:
     """Return where blocks of `length` samples begin that may stand out, how far, and what is ordinary: (c,).
 
-    A block near `known` samples (N,), or with none on either side, does not. Nor does one whose first sample
+    A block near `known` samples, or with none on either side, does not. Nor does one whose first sample
     goes on from those before as is ordinary: no sample of a block is farther away than its first one.
     """
-    begins = curvature.here[1:-1] > LEVELS.level * curvature.ordinary
-    places = np.flatnonzero(np.append([True, True], begins))
-    padded = np.pad(values, (2, length + 2), constant_values=np.nan)
-    old, last, *block, next_, far = (padded[places + k] for k in range(length + 4))
+    places, last_place = np.append([0, 1], curvature.steep + 1), len(values) - 1
+    around = places[:, None] + np.arange(-2, length + 2)
+    inside = np.clip(around, 0, last_place)
+    old, last, *block, next_, far = np.where(inside == around, values[inside], np.nan).T
     away = []
     for k, own in enumerate(block):
         left, right = own - last - (k + 1) * (last - old), own - next_ - (length - k) * (next_ - far)
@@ -337,24 +365,39 @@ def _stand_out(
         away += [np.where(np.isnan(left), right, left), np.where(np.isnan(right), left, right)]
     table = np.nan_to_num(np.array(away))
     sizes = np.maximum(table.min(axis=0), 0.0) - np.minimum(table.max(axis=0), 0.0)
-    near = spread_bad(known[:, None], length + 2)[places, 0]
-    before = curvature.before[np.maximum(places - 2, 0)]
-    after = curvature.after[np.minimum(places + length + 1, len(values) - 1)]
+    before = curvature.measure_most(np.maximum(places - 2, 0), -1)
+    after = curvature.measure_most(np.minimum(places + length + 1, last_place), 1)
     usual = np.maximum(curvature.ordinary, np.maximum(before, after))
-    return places, np.where(near, 0.0, sizes), usual
+    if np.any(sizes > LEVELS.level * usual):
+        near = np.clip(places[:, None] + np.arange(-length - 2, length + 3), 0, last_place)
+        sizes[known(near).any(axis=1)] = 0.0
+    return places, sizes, usual
 
 
-def _mask_spikes(values: FloatArray, known: Mask, curvature: _Curvature, least: float = 0.0) -> Mask:
-    """Return the spikes (N,) of a channel that are larger than `least`."""
-    found = np.zeros(len(values), dtype=np.bool_)
+def _mask_spikes(
+    values: FloatArray, known: Callable[[Places], Mask], curvature: _Curvature, *, returning: bool = False
+) -> Mask:
+    """Return the spikes (N,) of a channel; of a `returning` one those twice as large as steps that stay."""
+    found, least = np.zeros(len(values), dtype=np.bool_), 0.0
     for length in range(1, LEVELS.longest + 1):
         places, sizes, usual = _stand_out(values, length, known, curvature)
-        large = sizes > np.maximum(LEVELS.level * usual, least)
+        large = sizes > LEVELS.level * usual
+        if returning and not least and large.any():
+            least = 2.0 * _measure_stays(values)
+        large &= sizes > least
         if np.sum(large) >= LEVELS.several:
             large |= sizes >= np.min(sizes[large])
         for start in places[large].tolist():
             found[start : start + length] = True
     return found
+
+
+def _measure_stays(values: FloatArray) -> float:
+    """Return the largest step that stays: between what is largest before and least after, or reversed."""
+    span = LEVELS.longest + 1
+    windows = sliding_window_view(values, len(values) - LEVELS.longest)
+    low, high = windows.min(axis=0), windows.max(axis=0)
+    return max(0.0, float(np.max(low[span:] - high[:-span])), float(np.max(low[:-span] - high[span:])))
 
 
 def unwrap(values: FloatArray) -> FloatArray:
@@ -374,17 +417,16 @@ def _mask_stuck(values: FloatArray, torque: FloatArray, known: Mask, curvature: 
     """Return where an encoder (N,) repeats its value and catches up, or repeats it until the log ends."""
     found, count = np.zeros(len(values), dtype=np.bool_), len(values)
     moves = np.pad(np.diff(values), 2)
-    changes = np.flatnonzero(moves[2:-2])
-    starts, ends = np.append(0, changes + 1), np.append(changes, count - 1)
-    runs = np.append(np.flatnonzero(ends[:-1] > starts[:-1]), len(ends) - 1)
-    starts, ends = starts[runs], ends[runs]
+    # Of the last sample, too, if it is alone.
+    alone = np.full((int(moves[-3] != 0.0), 2), count - 1)
+    starts, ends = np.vstack([_find_runs(moves[2:-2] == 0.0), alone]).T
     # Steps into and out of each run of equal values, and those beside them.
     places = np.stack([starts, starts + 1, ends + 2, np.minimum(ends + 3, count + 2)])
     before, into, out, after = moves[places]
     # A slow motion makes rare steps, which are ordinary there.
     usual = np.maximum(curvature.ordinary, np.where(before == 0.0, np.abs(into), 0.0))
-    usual = np.maximum(usual, curvature.before[np.maximum(starts - 2, 0)])
-    usual = LEVELS.level * np.maximum(usual, curvature.after[np.minimum(ends + 3, count - 1)])
+    usual = np.maximum(usual, curvature.measure_most(np.maximum(starts - 2, 0), -1))
+    usual = LEVELS.level * np.maximum(usual, curvature.measure_most(np.minimum(ends + 3, count - 1), 1))
     stuck = (ends > starts) & (ends < count - 2) & (np.abs(out) - np.abs(after) > usual)
     # At the end of the log it was on its way: who stops between two samples goes a part of a step.
     going = abs(into[-1]) > max(usual[-1], abs(before[-1]) - usual[-1]) and np.ptp(torque[starts[-1] :]) > 0.0
@@ -399,7 +441,11 @@ def _mask_stuck(values: FloatArray, torque: FloatArray, known: Mask, curvature: 
 def _mask_jumps(values: FloatArray, known: Mask, ordinary: float) -> Mask:
     """Return so many samples (N,) about each jump that it is bridged by what curvature is ordinary."""
     found, steps = np.zeros(len(values), dtype=np.bool_), np.diff(values)
-    places, sizes, usual = _stand_out(steps, 1, known[1:] | known[:-1], _measure_curvature(steps))
+
+    def look(places: Places) -> Mask:
+        return known[places] | known[places + 1]
+
+    places, sizes, usual = _stand_out(steps, 1, look, _measure_curvature(steps))
     large = sizes > LEVELS.level * np.maximum(usual, ordinary)
     for place, size in zip(places[large].tolist(), sizes[large].tolist(), strict=True):
         # A cubic at rest at both ends curves by six times its height over the square of its length.
@@ -410,19 +456,19 @@ def _mask_jumps(values: FloatArray, known: Mask, ordinary: float) -> Mask:
 
 def _mask_clipped(torque: FloatArray, position: FloatArray) -> Mask:
     """Return where the torque (N,) of a joint that moves, at positions (N,), is cut off."""
-    found, least = np.zeros(len(torque), dtype=np.bool_), LEVELS.level * _measure_curvature(position).ordinary
-    # A coarse torque stays at its levels.
-    finest = float(np.quantile(np.abs(np.diff(torque)), LEVELS.ordinary))
+    found = np.zeros(len(torque), dtype=np.bool_)
     for values in (torque, -torque):
         top, highest = values == np.max(values), np.max(values)
-        runs = [
-            (first, last)
-            for first, last in _list_runs(top)
-            if last - first >= LEVELS.longest and abs(position[last - 1] - position[first]) > least
-        ]
-        if not runs or top.all() or highest - (second := np.max(values[~top])) > finest:
+        first, last = _find_runs(top, LEVELS.longest).T
+        if not len(first) or top.all():
             continue
-        first, last = np.array(runs).T
+        moved = np.abs(position[last - 1] - position[first])
+        far = moved > LEVELS.level * _measure_curvature(position).ordinary
+        first, last = first[far], last[far]
+        # A coarse torque stays at its levels.
+        finest = float(np.quantile(np.abs(np.diff(torque)), LEVELS.ordinary))
+        if not len(first) or highest - (second := np.max(values[~top])) > finest:
+            continue
         # Commands that step to a level and back are not cut off.
         padded = np.pad(values, 2, mode="edge")
         near, far = padded[np.stack([first + 1, last + 2])], padded[np.stack([first, last + 3])]
@@ -432,10 +478,10 @@ def _mask_clipped(torque: FloatArray, position: FloatArray) -> Mask:
     return found
 
 
-def _list_runs(mask: Mask) -> list[tuple[int, int]]:
-    """Return first samples of the runs of a mask (N,), and those behind them."""
-    edges = np.flatnonzero(np.diff(np.pad(mask, 1).astype(np.int8))).reshape(-1, 2)
-    return [(first, last) for first, last in edges.tolist()]
+def _find_runs(mask: Mask, least: int = 1) -> Places:
+    """Return the runs (k, 2) of at least so many samples of a mask (N,): their first ones, those behind."""
+    edges = np.flatnonzero(np.diff(np.pad(mask, 1))).reshape(-1, 2)
+    return np.asarray(edges[edges[:, 1] - edges[:, 0] >= least])
 
 
 def _bridge(values: FloatArray, bad: Mask) -> FloatArray:
@@ -443,7 +489,7 @@ def _bridge(values: FloatArray, bad: Mask) -> FloatArray:
     found, count = values.copy(), len(values)
     # One sample alone has no slope.
     bad = bad | (np.append(bad[1:], False) & np.append(False, bad[:-1]))
-    for first, last in _list_runs(bad):
+    for first, last in _find_runs(bad).tolist():
         if last - first == count:
             break
         length = last - first + 1

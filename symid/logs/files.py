@@ -96,6 +96,10 @@ def _build_raw_log(path: Path, entries: Iterable[tuple[str, object]], units: Map
             others[name], large[name] = None, values
             continue
         array = np.asarray(values)
+        # Arrays of the reader's own need no copy; NumPy's reader has a view of them.
+        for part in (array.base, array):
+            if isinstance(part, np.ndarray):
+                part.setflags(write=False)
         if array.dtype.kind not in "biuf" or not 0 <= array.ndim <= 2:
             others[name] = None
             continue

@@ -346,13 +346,16 @@ def prepare_columns(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawL
     (clock, *_) = listed[0]
     count = len(np.atleast_1d(raw.columns[clock])) if clock in raw.columns else 0
     parts = {name: raw.columns[name] for name in names if len(np.atleast_1d(raw.columns[name])) == count}
-    holes = {name: np.isnan(part).reshape(count, -1).any(axis=1) for name, part in parts.items() if count}
+    # The least of numbers is none if one of them is.
+    lacked = {name: part for name, part in parts.items() if count and np.isnan(part.min())}
+    holes = {name: np.isnan(part).reshape(count, -1).any(axis=1) for name, part in lacked.items()}
     lacking = np.any([*holes.values(), np.zeros(count, dtype=np.bool_)], axis=0)
     # Values that are wrong otherwise are no gaps, nor are columns of which most is missing.
-    wrong = any(np.any(np.abs(part) > _LARGEST) for part in parts.values())
-    if not lacking.any() or wrong or np.mean(lacking) > _MISSING:
+    if not holes or np.mean(lacking) > _MISSING:
         return raw, robot
-    where = ", ".join(f"{name!r} ({int(mask.sum())})" for name, mask in holes.items() if mask.any())
+    if any(np.any(np.abs(part) > _LARGEST) for part in parts.values()):
+        return raw, robot
+    where = ", ".join(f"{name!r} ({int(mask.sum())})" for name, mask in holes.items())
     text = (
         f"{int(lacking.sum())} of {count} samples lack a value, the first is sample "
         f"{int(np.argmax(lacking))} (counted from 0): {where}; they were left out, and are gaps in time"
@@ -408,8 +411,10 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
     # of a controller's channels.
     needed = dict.fromkeys((*used, *(column for name in _GAPLESS for column in columns[name])))
     for name in (entry for entry in needed if entry in raw.columns):
-        bad = np.argwhere(~(np.abs(np.atleast_1d(raw.columns[name])) <= _LARGEST))
-        if len(bad):
+        part = np.atleast_1d(raw.columns[name])
+        # Without a copy of what is right.
+        if not (part.min(initial=0.0) >= -_LARGEST and part.max(initial=0.0) <= _LARGEST):
+            bad = np.argwhere(~(np.abs(part) <= _LARGEST))
             first = int(bad[0, 0])
             place = f"sample {first}" + (f", column {int(bad[0, 1])}" if bad.shape[1] > 1 else "")
             text = (
@@ -418,8 +423,9 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
             )
             findings.refuse("log.not-finite", text)
     for name in _GAPLESS:
-        part = values[name]
-        sizes = np.zeros(0) if part is None else np.max(np.abs(part), axis=0, initial=0.0)
+        read = values[name]
+        columnwise = () if read is None else read.T
+        sizes = np.array([max(one.max(initial=0.0), -one.min(initial=0.0)) for one in columnwise])
         if (small := sizes[(sizes > 0.0) & (sizes < _SMALLEST)]).size:
             text = f"{name}: all values of a joint are {small[0]:.3g} or less, which no sensor measures"
             findings.refuse("log.too-small", f"{text}; state the unit or a factor in [log.{name}]")

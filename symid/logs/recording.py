@@ -75,7 +75,7 @@ class LogExtent:
     digest: str = ""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, weakref_slot=True)
 class Recording:
     """What a log holds.
 
@@ -170,6 +170,13 @@ class Signals(FrozenArrays):
     load: FloatArray | None = None
     temperature: FloatArray | None = None
     bad: NDArray[np.bool_] | None = None
+
+    def cut(self, part: slice) -> "Signals":
+        """Return a part of the samples."""
+        names = ("time", "q", "dq", "ddq", "tau", "load", "temperature", "bad")
+        given = {name: getattr(self, name) for name in names}
+        own: dict[str, Any] = {name: values[part] for name, values in given.items() if values is not None}
+        return replace(self, **own)
 
     def pick_states(self, places: slice | NDArray[np.intp]) -> States:
         """Return the states at some samples."""

@@ -298,7 +298,7 @@ def read_one_log(log: Path | Recording, robot: robots.Robot, alone: str = "") ->
 def check_distinct(paths: Sequence[Path]) -> None:
     """Refuse a log that is given twice, by a UsageError: its noise would be underestimated."""
     known: dict[object, Path] = {}
-    for path in paths:
+    for path in paths if len(paths) > 1 else ():
         marks = (path.resolve(), compute_file_digest(str(path)) or path.resolve())
         for mark in marks:
             if mark in known:

@@ -17,6 +17,7 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import scipy
@@ -36,12 +37,6 @@ matrices."""
 _RESTING = 1e-8
 """Of its fastest speed, below which a joint rests: what rounding leaves of a still encoder, of which dry
 friction would take the sign. Encoders of 20 bits have a hundred times as much."""
-_PIECE = 512
-"""Samples of columns that are turned into rows while they are in the cache."""
-_WIDTH = 8
-"""Columns at a time: neighbours that share a line of the cache."""
-_PROBES = 64
-"""Samples at which columns are looked at first."""
 _NUMBERS = 2**21
 """Of a piece that is decimated at a time."""
 _VANISHED = 1e-19
@@ -104,16 +99,33 @@ def differentiate_smooth(values: FloatArray, period: float) -> FloatArray:
     return slope
 
 
-def decimate(values: FloatArray, decimation: Decimation) -> FloatArray:
+def decimate(values: FloatArray, decimation: Decimation, thin: int = 1) -> FloatArray:
     """Return every `factor`-th sample of `values` (N, ...) after a zero-phase Chebyshev I low-pass.
 
     ceil(N / r) samples are kept, the last one included, as in MATLAB's `decimate`; a LogError if there are
     too few. A model that is linear in its parameters stays true when its columns and the measurement pass the
     same filter (Gautier 1997). Only the samples kept are computed, see `_FilterBlocks`.
+
+    Of values one in `thin` samples may be all that is given, if they have nothing at frequencies that fold
+    into the band: these stand for the others, and the gain at all frequencies below stays as it is.
     """
     if decimation.factor == 1:
         return values.copy()
-    return _filter_both_ways(_describe_decimation(decimation), values)
+    return _filter_both_ways(_describe_decimation(decimation), values, thin)
+
+
+def choose_thinning(processing: Processing, period: float) -> int:
+    """Return one sample in how many holds what rows have of smooth functions of the filtered positions."""
+    decimation, cutoff = processing.decimation, processing.filter_cutoff
+    kind = _describe_decimation(decimation)
+    if cutoff is None or _build_blocks(kind) is None:
+        return 1
+    count = _FREQUENCIES
+    gain = _compute_gain(_LowPass(order=processing.filter_order, edge=2.0 * cutoff * period), count) ** 2
+    edge, factor = 0.5 * kind.edge, decimation.factor
+    steps = (step for step in range(2, factor + 1) if factor % step == 0)
+    fits = [step for step in steps if gain[math.floor(2 * count * (1.0 / step - edge))] <= _FOLDED]
+    return max(fits, default=1)
 
 
 _NOTICED = 0.1
@@ -125,8 +137,11 @@ def mask_touched(
     bad: NDArray[np.bool_], first: NDArray[np.intp], stop: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
     """Return in which stretches (M,), `first` to before `stop`, bad samples (N, n) are noticed: (M, n)."""
-    counts = np.cumsum(np.pad(bad, ((1, 0), (0, 0))), axis=0)
-    return np.asarray(counts[stop] - counts[first] > _NOTICED * (stop - first)[:, None])
+    found, most = np.empty((len(first), bad.shape[1]), dtype=np.bool_), _NOTICED * (stop - first)
+    for own, column in zip(found.T, bad.T, strict=True):
+        counts = np.append(0, np.cumsum(column))
+        own[:] = counts[stop] - counts[first] > most
+    return found
 
 
 def mask_filtered(bad: NDArray[np.bool_], reach: float, step: int = 1) -> NDArray[np.bool_]:
@@ -159,14 +174,14 @@ def _describe_decimation(decimation: Decimation) -> _LowPass:
     return _LowPass(order=decimation.order, edge=decimation.band / factor, ripple_db=ripple, factor=factor)
 
 
-def _filter_both_ways(kind: _LowPass, values: FloatArray) -> FloatArray:
+def _filter_both_ways(kind: _LowPass, values: FloatArray, thin: int = 1) -> FloatArray:
     """Return what a filter keeps of `values` (N, ...), both ways; LogError if there are too few."""
     samples, pad = len(values), compute_pad_length(kind.order)
     if samples <= pad:
         text = f"{samples} samples are left to filter; order {kind.order} needs more than {pad}"
         raise LogError(Notice(code="log.too-short", text=text))
-    factor = kind.factor
-    kept, blocks = -(-len(values) // factor), _build_blocks(kind)
+    factor = kind.factor // thin
+    kept, blocks = -(-len(values) // factor), _build_blocks(kind, thin)
     if blocks is None:
         # SciPy loads this on first use, which takes longer than most filters run.
         sections = _design_sections(kind).copy()
@@ -175,19 +190,22 @@ def _filter_both_ways(kind: _LowPass, values: FloatArray) -> FloatArray:
         return np.ascontiguousarray(smooth[first::factor])
     flat = np.asarray(values, dtype=np.float64).reshape(len(values), math.prod(values.shape[1:]))
     rows = np.zeros((kept, flat.shape[1]))
-    places = np.arange(flat.shape[1])
-    if len(places) > _WIDTH:
-        # A regressor has many columns without a number other than zero.
-        live = flat[:: max(1, len(flat) // _PROBES)].any(axis=0)
-        places = np.flatnonzero(live if live.all() else flat.any(axis=0))
+    places = list_live(flat)
     # Fewer of long signals bound the memory.
-    width = max(1, min(_WIDTH, _NUMBERS // len(flat)))
+    width = max(1, _NUMBERS // len(flat))
     for start in range(0, len(places), width):
         own = places[start : start + width]
-        together = own[-1] - own[0] == len(own) - 1
+        # Neighbours need no copy, for a few zeros among them.
+        together = 2 * len(own) > own[-1] - own[0]
         part = slice(own[0], own[-1] + 1) if together else own
-        rows[:, part] = blocks.pass_columns(flat[:, part].T, kept).T
+        rows[:, part] = blocks.pass_columns(flat[:, part], kept)
     return rows.reshape(kept, *values.shape[1:])
+
+
+def list_live(columns: FloatArray) -> NDArray[np.intp]:
+    """Return the places of columns (N, c) with a number other than zero: of a regressor many have none."""
+    # No numbers but zeros have a weighted sum that is zero to the last bit.
+    return np.flatnonzero(np.sqrt(np.arange(1.0, len(columns) + 1.0)) @ columns)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -220,40 +238,51 @@ class _FilterBlocks:
     last: FloatArray
 
     def pass_columns(self, columns: FloatArray, kept: int) -> FloatArray:
-        """Return the rows (c, kept) of `columns` (c, N)."""
-        pad, length, states = self.pad, len(self.inner), len(self.steady)
-        count = -(-(columns.shape[1] + pad) // length)
-        lead = count * length - columns.shape[1]
-        values = np.empty((len(columns), count * length))
-        for start in range(0, columns.shape[1], _PIECE):
-            part = columns[:, start : start + _PIECE]
-            values[:, lead + start : lead + start + part.shape[1]] = part
-        values[:, lead - pad : lead] = 2.0 * columns[:, :1] - columns[:, pad:0:-1]
+        """Return the rows (kept, c) of `columns` (N, c)."""
+        pad, (length, each), states = self.pad, self.inner.shape, len(self.steady)
+        width, count = columns.shape[1], -(-(len(columns) + pad) // length)
+        lead = count * length - len(columns)
+        # The first blocks begin before the samples do.
+        early = -(-lead // length)
+        first = np.empty((early * length, width))
+        first[lead:] = columns[: early * length - lead]
+        first[lead - pad : lead] = 2.0 * columns[0] - columns[pad:0:-1]
         # In the steady state of its first value a filter stays there, however long.
-        values[:, : lead - pad] = values[:, lead - pad, None]
-        beyond = 2.0 * columns[:, -1:] - columns[:, -2 : -pad - 2 : -1]
-        parts = values.reshape(-1, count, length) @ self.inner
-        forward = np.empty((len(columns), count + 1, states))
-        forward[:, 0] = values[:, :1] * self.steady
-        forward[:, 1:] = parts[:, :, :states]
+        first[: lead - pad] = first[lead - pad]
+        beyond = 2.0 * columns[-1] - columns[-2 : -pad - 2 : -1]
+        parts = np.empty((count, each, width))
+        others = columns[early * length - lead :].reshape(count - early, length, width)
+        np.matmul(self.inner.T, first.reshape(early, length, width), out=parts[:early])
+        np.matmul(self.inner.T, others, out=parts[early:])
+        forward = np.empty((states, count + 1, width))
+        forward[:, 0] = self.steady[:, None] * first[0]
+        forward[:, 1:] = parts[:, :states].swapaxes(0, 1)
         for place, power in enumerate(self.powers):
             if (gap := 2**place) <= count:
-                forward[:, gap:] += forward[:, :-gap] @ power
-        parts = parts[:, :, states:] + forward[:, :-1] @ self.across
-        backward = np.empty((len(columns), count, states))
-        backward[:, :-1] = parts[:, 1:, :states]
-        ends = np.concatenate([forward[:, -1], beyond], axis=1)[:, None]
-        backward[:, -1:] = ends @ self.last
+                forward[:, gap:] += np.tensordot(power.T, forward[:, :-gap], 1)
+        later = np.tensordot(self.across.T, forward[:, :-1], 1)
+        backward = np.empty((states, count, width))
+        backward[:, :-1] = parts[1:, states : 2 * states].swapaxes(0, 1) + later[:states, 1:]
+        backward[:, -1] = self.last.T @ np.vstack([forward[:, -1], beyond])
         for place, power in enumerate(self.powers):
             if (gap := 2**place) < count:
-                backward[:, :-gap] += backward[:, gap:] @ power
-        rows = parts[:, :, states:] + backward @ self.outer
-        return np.asarray(rows.reshape(len(columns), -1)[:, -kept:])
+                backward[:, :-gap] += np.tensordot(power.T, backward[:, gap:], 1)
+        later = later[states:] + np.tensordot(self.outer.T, backward, 1)
+        rows = parts[:, 2 * states :] + later.swapaxes(0, 1)
+        return np.asarray(rows.reshape(-1, width)[-kept:])
 
 
 @lru_cache(maxsize=64)
-def _build_blocks(kind: _LowPass) -> _FilterBlocks | None:
-    """Return the blocks of a filter; None where it remembers too many samples."""
+def _build_blocks(kind: _LowPass, thin: int = 1) -> _FilterBlocks | None:
+    """Return the blocks of a filter, of one sample in `thin`; None where it remembers too many samples."""
+    if thin > 1:
+        whole = _build_blocks(kind)
+        if whole is None:
+            return None
+        # Samples that are given count for the others.
+        (own, beyond), count = np.split(whole.last, [len(whole.steady)]), whole.pad // thin
+        last = np.vstack([own, thin * beyond[thin - 1 :: thin][:count]])
+        return replace(whole, pad=count, inner=thin * whole.inner[thin - 1 :: thin], last=last)
     factor, pad = kind.factor, compute_pad_length(kind.order)
     memory = _count_remembered(kind, _VANISHED)
     if memory > _LONGEST:
@@ -410,10 +439,12 @@ def estimate_density(values: FloatArray, rate: float, length: int) -> tuple[Floa
     return np.arange(len(power)) * rate / length, power / (len(starts) * rate * np.sum(window**2))
 
 
-_BLOCK = 8192
+_BLOCK = 16_384
 """Least samples of a block, without those that settle the filter."""
-_MEMORY_FLOOR = 1e-17
+_MEMORY_FLOOR = 1e-14
 """Relative rest of a transient that has settled."""
+_FOLDED = 1e-5
+"""Largest part of what positions have at a frequency that may fold into the band of rows."""
 _ROW_RATE = 100.0
 """Default rate of rows in Hz: more than ten times what robots move at."""
 _GAP = 1.5
@@ -424,26 +455,39 @@ _JITTER = 0.2
 
 def prepare_signals(recording: Recording, processing: Processing) -> Signals:
     """Return states and torques, filtered, differentiated, cut (LogError if log and settings do not fit)."""
+    check_signals(recording, processing)
+    return _derive_signals(recording, processing, recording.period)
+
+
+def check_signals(recording: Recording, processing: Processing) -> None:
+    """Raise a LogError if a log is too short for the settings, or its times are uneven."""
     least = compute_least_samples(processing)
     if len(recording.time) < least:
         raise LogError(describe_too_short(len(recording.time), processing, file=recording.source))
     uneven = describe_uneven(recording.time, file=recording.source)
     if uneven is not None:
         raise LogError(uneven)
-    period = recording.period
+
+
+def _derive_signals(
+    recording: Recording, processing: Processing, period: float, fastest: FloatArray | None = None
+) -> Signals:
+    """Return the signals of samples `period` s apart; `fastest` (n,) are the log's top speeds."""
     try:
-        q = _smooth(recording, "position", processing)
-        tau = _smooth(recording, "torque", processing) if processing.filter_torque else recording.torque
+        q = _smooth(recording, "position", processing, period)
+        tau = recording.torque
+        tau = _smooth(recording, "torque", processing, period) if processing.filter_torque else tau
     except LogError as error:
         raise LogError(*(replace(notice, file=recording.source) for notice in error.notices)) from error
     derive = differentiate if processing.differences == "central" else differentiate_smooth
     dq = derive(q, period)
     if processing.states != "position" and recording.velocity is not None:
-        dq = _smooth(recording, "velocity", processing)
+        dq = _smooth(recording, "velocity", processing, period)
     ddq = derive(dq, period)
     if processing.states == "acceleration" and recording.acceleration is not None:
-        ddq = _smooth(recording, "acceleration", processing)
-    dq = np.where(np.abs(dq) < _RESTING * np.abs(dq).max(axis=0), 0.0, dq)
+        ddq = _smooth(recording, "acceleration", processing, period)
+    speed = np.abs(dq)
+    dq = np.where(speed < _RESTING * (speed.max(axis=0) if fastest is None else fastest), 0.0, dq)
     kept = slice(processing.drop_first, len(recording.time) - processing.drop_last)
     # One after the other, so that no two copies of all are in memory.
     q = freeze(q[kept])
@@ -457,7 +501,7 @@ def prepare_signals(recording: Recording, processing: Processing) -> Signals:
         ddq=ddq,
         tau=tau[kept],
         period=period,
-        load=None if load is None else _smooth(recording, "load", processing)[kept],
+        load=None if load is None else _smooth(recording, "load", processing, period)[kept],
         temperature=None if temperature is None else temperature[kept],
         bad=None if bad is None else bad[kept],
     )
@@ -481,13 +525,13 @@ def choose_processing(processing: Processing, period: float, row_rate: float = _
 
 
 def decimate_blocks(
-    evaluate: Callable[[slice], FloatArray], samples: int, decimation: Decimation
+    evaluate: Callable[[slice], FloatArray], samples: int, decimation: Decimation, thin: int = 1
 ) -> Iterator[tuple[slice, FloatArray]]:
     """Yield, block by block, the rows that `decimate` keeps of all samples, and which they are.
 
     A block is filtered with enough samples before and after it for the filter to settle, so the rows are the
     same up to rounding and only one block is in memory. `evaluate` gives the values (k, ...) of a slice of
-    samples.
+    samples, of one in `thin` but for the first and the last block; see `decimate`.
     """
     factor, kind = decimation.factor, _describe_decimation(decimation)
     if factor == 1:
@@ -505,16 +549,17 @@ def decimate_blocks(
         stop = min(kept, start + step)
         last = min(kept, stop + reach)
         begin = max(0, first + factor * (start - reach))
-        values = evaluate(slice(begin, first + factor * (last - 1) + 1))
+        inner = thin if begin and last < kept else 1
+        values = evaluate(slice(begin, first + factor * (last - 1) + 1, inner))
         # One joint at a time: filters copy their input several times.
         parts = np.moveaxis(values, 1, 0) if values.ndim > 2 else [values]
-        rows = [decimate(part, decimation) for part in parts]
+        rows = [decimate(part, decimation, inner) for part in parts]
         away = last - len(rows[0])
         kept_rows = [part[start - away : stop - away] for part in rows]
         yield slice(start, stop), kept_rows[0] if values.ndim < 3 else np.stack(kept_rows, axis=1)
 
 
-def _smooth(recording: Recording, name: str, processing: Processing) -> FloatArray:
+def _smooth(recording: Recording, name: str, processing: Processing, period: float) -> FloatArray:
     """Return a channel (N, n) of a log through the low-pass of the positions (LogError if it has holes)."""
     values: FloatArray = getattr(recording, name)
     if not np.all(np.isfinite(values)):
@@ -526,7 +571,74 @@ def _smooth(recording: Recording, name: str, processing: Processing) -> FloatArr
     if processing.filter_cutoff is None:
         return values
     cutoff, order = processing.filter_cutoff, processing.filter_order
-    return low_pass(values, period=recording.period, cutoff=cutoff, order=order)
+    return low_pass(values, period=period, cutoff=cutoff, order=order)
+
+
+class SignalParts:
+    """Signals of a log part by part, never all in memory: those of `prepare_signals`, up to rounding.
+
+    `time` (N,) s, `period` in s and `bad` (N, n) as in `Signals`. What rounding leaves of a joint at rest is
+    measured by its fastest speed before the filter. `settle` makes more of a part, with the mean positions of
+    the joints that are `resting`.
+    """
+
+    def __init__(
+        self,
+        recording: Recording,
+        processing: Processing,
+        resting: tuple[int, ...] = (),
+        settle: Callable[[Signals, list[float]], Signals] | None = None,
+    ) -> None:
+        """Take what is of the whole log; a LogError as of `prepare_signals`."""
+        check_signals(recording, processing)
+        kept = slice(processing.drop_first, len(recording.time) - processing.drop_last)
+        self._recording, self._processing, self.period = recording, processing, recording.period
+        self.time, self.bad = recording.time[kept], None if recording.bad is None else recording.bad[kept]
+        if processing.states == "position" or recording.velocity is None:
+            steps = (np.abs(values[2:] - values[:-2]) for values in recording.position.T)
+            speeds = (step / (2.0 * self.period) for step in steps)
+        else:
+            speeds = (np.abs(values) for values in recording.velocity.T)
+        self._fastest, self._margin = np.array([speed.max() for speed in speeds]), 4
+        if processing.filter_cutoff is not None:
+            edge = min(1.0, 2.0 * processing.filter_cutoff * self.period)
+            kind = _LowPass(order=processing.filter_order, edge=edge)
+            self._margin += _count_remembered(kind, _MEMORY_FLOOR) if edge < 1.0 else 0
+        self.resting, self._settle = resting, settle
+        held = (replace(recording, position=recording.position[:, [joint]]) for joint in resting)
+        self._places = [
+            float(np.mean(_smooth(one, "position", processing, self.period)[kept])) for one in held
+        ]
+        self._last: tuple[int, Signals] | None = None
+
+    def cut(self, part: slice) -> Signals:
+        """Return the signals of a part of the samples, one in its step."""
+        last = self._last
+        if last is None or not last[0] <= part.start <= part.stop <= last[0] + len(last[1].time):
+            settings = self._processing
+            first, stop = (settings.drop_first + end for end in (part.start, part.stop))
+            wide = slice(max(0, first - self._margin), min(len(self._recording.time), stop + self._margin))
+            settings = replace(settings, drop_first=first - wide.start, drop_last=wide.stop - stop)
+            names = ("time", "position", "torque", *_USED)
+            given = {name: getattr(self._recording, name) for name in names}
+            cut: dict[str, Any] = {name: part[wide] for name, part in given.items() if part is not None}
+            own = Recording(**cut, source=self._recording.source)
+            found = _derive_signals(own, settings, self.period, self._fastest)
+            found = found if self._settle is None else self._settle(found, self._places)
+            last = self._last = part.start, found
+        place, known = last
+        return known.cut(slice(part.start - place, part.stop - place, part.step))
+
+    def measure_accelerations(self) -> FloatArray:
+        """Return the mean squares (n,) of the accelerations."""
+        count = len(self.time)
+        starts = range(0, count, _BLOCK)
+        parts = (self.cut(slice(start, min(count, start + _BLOCK))).ddq for start in starts)
+        return np.asarray(sum(np.sum(part**2, axis=0) for part in parts) / count)
+
+
+_USED = ("velocity", "acceleration", "load", "temperature")
+"""Channels of states beside positions."""
 
 
 def compute_least_samples(processing: Processing) -> int:

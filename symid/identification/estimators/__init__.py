@@ -49,6 +49,7 @@ if TYPE_CHECKING:
         RegressionFit as RegressionFit,
         compute_coloured_covariance as compute_coloured_covariance,
         compute_residuals as compute_residuals,
+        condense_residuals as condense_residuals,
         estimate_group_weights as estimate_group_weights,
         estimate_period_noise as estimate_period_noise,
         fit_condensed as fit_condensed,

@@ -337,9 +337,16 @@ class Residual:
     ) -> "Residual":
         """Return the residual of errors and measured values (m,); `std` is the root mean square if None."""
         norm, whole = float(np.linalg.norm(errors)), float(np.linalg.norm(measured))
-        percent = 100.0 * norm / whole if whole else float("inf")
         std = norm / float(np.sqrt(len(errors))) if std is None else std
-        return cls(joint, norm, percent, std, len(errors), unit)
+        return cls.build(joint, norm, whole, len(errors), unit, std)
+
+    @classmethod
+    def build(  # noqa: PLR0917 - as the fields stand
+        cls, joint: str, norm: float, whole: float, samples: int, unit: str, std: float
+    ) -> "Residual":
+        """Return the residual of errors and measured values with the norms `norm` and `whole`."""
+        percent = 100.0 * norm / whole if whole else float("inf")
+        return cls(joint, norm, percent, std, samples, unit)
 
 
 def compute_mean_relative(residual: Sequence[Residual]) -> float:

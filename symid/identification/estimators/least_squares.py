@@ -142,6 +142,27 @@ def compute_residuals(rows: Rows, residuals: FloatArray, spent: FloatArray | flo
     )
 
 
+def condense_residuals(
+    rows: Rows, parts: Sequence[Condensed], *, values: FloatArray, spent: FloatArray | float
+) -> tuple[Residual, ...]:
+    """Return what parameters (p,) leave of condensed equations, not weighed, as `compute_residuals`.
+
+    `rows` have the names of groups and their units.
+    """
+    counts = np.sum([part.counts for part in parts], axis=0)
+    left = np.sum([regression.compute_square_sums(part, values) for part in parts], axis=0)
+    whole = np.sum([regression.compute_square_sums(part, np.zeros_like(values)) for part in parts], axis=0)
+    scatter = _compute_scatter(left, counts, spent)
+    table = zip(
+        rows.group_names, np.sqrt(left), np.sqrt(whole), counts, rows.group_units, scatter, strict=True
+    )
+    return tuple(
+        Residual.build(name, float(norm), float(size), int(count), unit, float(std))
+        for name, norm, size, count, unit, std in table
+        if count
+    )
+
+
 def fit_ols(rows: Rows, identifiability: Identifiability, freedom: str = "band") -> RegressionFit:
     """Return the ordinary least-squares fit; `freedom` as in `Processing.noise_freedom`."""
     return fit_weighted(rows, identifiability, np.ones(len(rows.group_names)), freedom)

@@ -42,11 +42,11 @@ from symid.identification.regression.preparation import (
 )
 from symid.logs import (
     Recording,
+    SignalParts,
     States,
     cut_recording,
-    differentiate,
     estimate_density,
-    low_pass,
+    list_live,
     mask_filtered,
 )
 from symid.robot import Processing
@@ -125,9 +125,10 @@ def measure_repetition(recording: Recording, band: float) -> float:
     moved = 2.0 * float(np.sum(np.mean(position**2, axis=0)))
     if count < 8 or not moved:
         return 0.0
-    size = 2 * count
-    waves = np.fft.rfft(position, n=size, axis=0)
-    products = np.fft.irfft(np.sum(np.abs(waves) ** 2, axis=1), n=size)[:count]
+    # A power of two: other lengths may take several times as long.
+    size = 1 << (2 * count - 1).bit_length()
+    power = sum(np.abs(np.fft.rfft(values, n=size)) ** 2 for values in position.T)
+    products = np.fft.irfft(power, n=size)[:count]
     squares = np.concatenate([[0.0], np.cumsum(np.sum(position**2, axis=1))])
     lags = np.arange(count // 2 + 1)
     # Sums over the overlap of both.
@@ -158,7 +159,8 @@ def mask_trembling(recordings: Sequence[Recording], units: Sequence[str]) -> NDA
 
     What holds such a joint may be a brake or a lock, so that it rests.
     """
-    spread = np.ptp(np.vstack([entry.position for entry in recordings]), axis=0)
+    highest = np.max([entry.position.max(axis=0) for entry in recordings], axis=0)
+    spread = highest - np.min([entry.position.min(axis=0) for entry in recordings], axis=0)
     turning = np.array([unit == "rad" for unit in units])
     widest = spread[turning].max(initial=0.0)
     return np.asarray(turning & (spread < POLICY.relevance * min(1.0, float(widest))))
@@ -172,11 +174,8 @@ def balance_cutoff(recordings: Sequence[Recording]) -> float:
     """
     found = []
     for recording in recordings:
-        smooth = low_pass(
-            recording.position, period=recording.period, cutoff=min(10.0, 0.4 / recording.period), order=2
-        )
-        bend = differentiate(differentiate(smooth, recording.period), recording.period)
-        turning = np.sqrt(np.mean(bend**2, axis=0))
+        smooth = Processing(filter_cutoff=min(10.0, 0.4 / recording.period), filter_order=2)
+        turning = np.sqrt(SignalParts(recording, smooth).measure_accelerations())
         for band, rate in zip(measure_bands(recording), turning.tolist(), strict=False):
             if band.clean > 0.0:
                 power = rate * np.sqrt(3.0) / ((2.0 * np.pi) ** 2 * max(band.floor, 1e-300))
@@ -232,8 +231,7 @@ def _filter_rows(source: Source, count: int, band: float, places: NDArray[np.int
         low, high = begin - half, begin + step * (size - 1) + half + 1
         values = source(slice(max(low, 0), min(high, count)))
         rows = rows if start else np.zeros((len(places), values.shape[1]))
-        # Columns of zeros, of which a regressor has many, stay so.
-        live = np.flatnonzero(values.any(axis=0))
+        live = list_live(values)
         ends = max(-low, 0), max(high - count, 0)
         padded = np.pad(values[:, live], (ends, (0, 0)), mode="reflect", reflect_type="odd")
         for place in range(0, size, together):
@@ -288,14 +286,17 @@ class ThinMotion:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Piece:
-    """Rows of a piece of a log: of each level [A y] (t, n, p + 1), one in `strides` of T places.
+    """Rows of a piece of a log: of each level live columns (t, l) and torques (t, n), one in `strides` of T.
 
-    `slow`: states (T, n) of each level, of which instruments are made; `states` (3, T, n) and `tau` (T, n) of
-    the scoring band; `wrong` (T, n) rows in which bad samples are noticed; `out` (n,) joints left out.
+    `acts` (n, p) columns that are live; `slow`: states (T, n) of each level, of which instruments are made;
+    `states` (3, T, n) and `tau` (T, n) of the scoring band; `wrong` (T, n) rows in which bad samples are
+    noticed; `out` (n,) joints left out.
     """
 
     run: int
     matrices: tuple[FloatArray, ...]
+    torques: tuple[FloatArray, ...]
+    acts: NDArray[np.bool_]
     slow: tuple[States, ...]
     strides: tuple[int, ...]
     states: FloatArray
@@ -303,6 +304,21 @@ class _Piece:
     wrong: NDArray[np.bool_]
     out: NDArray[np.bool_]
     resting: NDArray[np.bool_]
+
+    def pick(self, matrix: FloatArray, joint: int, live: NDArray[np.intp]) -> FloatArray:
+        """Return columns of a joint (t, k) of all live ones (t, l)."""
+        found, places = np.zeros((len(matrix), len(live))), np.cumsum(self.acts).reshape(self.acts.shape) - 1
+        own = self.acts[joint, live]
+        found[:, own] = matrix[:, places[joint, live[own]]]
+        return found
+
+    @property
+    def columns(self) -> FloatArray:
+        """Return the columns (t, n, p) within the scoring band."""
+        matrix = self.matrices[SCORING]
+        found = np.zeros((len(matrix), self.acts.size))
+        found[:, self.acts.ravel()] = matrix
+        return found.reshape(len(matrix), *self.acts.shape)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -470,8 +486,8 @@ class CondensedLogs:
             for k, joint in enumerate(joints):
                 if joint.friction != "none":
                     rest[:, k] |= mask_rest(speed[:, k], float(top[k]), length)
-        acts = np.any([table.any(axis=0) for piece in self._pieces for table in piece.matrices], axis=0)
-        self._live = tuple(np.flatnonzero(row[:-1]) for row in acts)
+        acts = np.any([piece.acts for piece in self._pieces], axis=0)
+        self._live = tuple(map(np.flatnonzero, acts))
         self.repeats = measure_repetition(recordings[0], bands[SCORING]) if len(recordings) == 1 else 0.0
         log, fold, self._blocks = list[int](), list[int](), list[NDArray[np.intp]]()
         runs = [piece.run for piece in self._pieces]
@@ -511,13 +527,15 @@ class CondensedLogs:
     @property
     def columns(self) -> FloatArray:
         """Return the columns (t, n, p) along the thinned motion, which pass the same low-pass as torques."""
-        return np.concatenate([piece.matrices[SCORING][:, :, :-1] for piece in self._pieces])
+        return np.concatenate([piece.columns for piece in self._pieces])
 
     def sum_products(self, levels: Sequence[int], smooth: int) -> list[BandSums]:
         """Return the sums of rows of each level, with instruments of a lower one, or of least squares."""
         lefts: list[FloatArray] = []
         if any(level != smooth for level in levels):
-            lefts = [evaluate_columns(self._library, *piece.slow[smooth]) for piece in self._pieces]
+            for piece in self._pieces:
+                columns = evaluate_columns(self._library, *piece.slow[smooth])
+                lefts.append(columns.reshape(len(columns), -1)[:, piece.acts.ravel()])
         found = []
         for level in levels:
             if level not in self._squares:
@@ -545,7 +563,7 @@ class CondensedLogs:
     def _cross(
         self, level: int, lefts: Sequence[FloatArray] = ()
     ) -> tuple[tuple[FloatArray, ...], FloatArray]:
-        """Return the products (b, c, l, l) of a level's rows with columns (T, n, p) of each piece; counts.
+        """Return the products (b, c, l, l) of a level's rows with live columns (T, l) of each piece; counts.
 
         Without columns the rows stand on both sides.
         """
@@ -553,17 +571,17 @@ class CondensedLogs:
         products: list[FloatArray] = []
         counts = np.zeros((len(self._live), blocks, classes))
         for joint, live in enumerate(self._live):
-            columns = np.append(live, self._width)
-            table = np.zeros((blocks * classes, len(columns), len(columns)))
+            table = np.zeros((blocks * classes, len(live) + 1, len(live) + 1))
             for place, piece in enumerate(self._pieces):
                 if piece.out[joint]:
                     continue
-                stride, right = piece.strides[level], piece.matrices[level][:, joint][:, columns]
+                stride, torque = piece.strides[level], piece.torques[level][:, joint]
+                right = np.column_stack([piece.pick(piece.matrices[level], joint, live), torque])
                 speed = np.abs(piece.states[1][::stride, joint])
                 kind = np.searchsorted(self.limits[joint], speed, side="right") - 1
                 cell = self._blocks[place][::stride] * classes + kind
                 cell[self._rest[place][::stride, joint]] = -1
-                left = lefts[place][::stride, joint][:, live] if lefts else right
+                left = piece.pick(lefts[place][::stride], joint, live) if lefts else right
                 into = table[:, : left.shape[1]]
                 counts[joint] += add_products(into, left, right, cell).reshape(blocks, classes)
             # From a speed upwards.
@@ -644,14 +662,13 @@ def _build_piece(  # noqa: PLR0917 - a log and how its rows are made
     torques = _filter_bands(
         signals.tau.__getitem__, samples, edges.tolist(), step, [places // step] * len(bands)
     )
+    acts = np.any([table.any(axis=0) for table in matrices], axis=0)
     slow, states = [], np.empty(0)
     for level, band in enumerate(bands):
         smooth = prepare_states(library, recording, replace(settings, filter_cutoff=min(band, 0.4 * rate)))
         slow.append(smooth.pick_states(places))
         if level == SCORING:
             states = np.stack(slow[-1][:3])
-        values = torques[level][:: strides[level], :, None]
-        matrices[level] = np.concatenate([matrices[level].reshape(*values.shape[:2], -1), values], axis=2)
     wrong = np.zeros(torques[SCORING].shape, dtype=np.bool_)
     if recording.bad is not None:
         # Within the scoring band, which decides.
@@ -661,7 +678,9 @@ def _build_piece(  # noqa: PLR0917 - a log and how its rows are made
     friction = np.array([joint.friction != "none" for joint in library.card.joints])
     return _Piece(
         run=run,
-        matrices=tuple(matrices),
+        matrices=tuple(table[:, acts] for table in matrices),
+        torques=tuple(values[::stride].copy() for values, stride in zip(torques, strides, strict=True)),
+        acts=acts.reshape(library.card.size, -1),
         slow=tuple(slow),
         strides=tuple(strides),
         states=states,

@@ -31,7 +31,7 @@ from symid.codegen import Library, ModelCard
 from symid.errors import Notice, UsageError
 from symid.identification.judge import numerics
 from symid.joint_models import compute_column_derivatives, get_law
-from symid.logs import Signals, mask_touched
+from symid.logs import SignalParts, Signals, mask_touched
 from symid.notation import join_name
 from symid.robot import Processing
 
@@ -115,48 +115,82 @@ class EquationPart(NamedTuple):
 
 
 def outline_part(
-    kind: str, signals: Signals, processing: Processing, window: float, pieces: int
+    kind: str, signals: Signals | SignalParts, processing: Processing, window: float, pieces: int
 ) -> EquationPart:
     """Return torque or momentum equations without their matrix.
 
     `pieces` windows begin within the length `window` (s) of one.
     """
     if kind == "torque":
-        values, factor = logs.decimate(signals.tau, processing.decimation), processing.decimation.factor
+
+        def evaluate(part: slice) -> FloatArray:
+            own = signals.cut(part)
+            return np.hstack([own.tau, own.dq])
+
+        count, factor = len(signals.time), processing.decimation.factor
+        blocks = logs.decimate_blocks(evaluate, count, processing.decimation)
+        both = np.concatenate([rows for _, rows in blocks])
+        values, velocity = np.split(both, 2, axis=1)
         return EquationPart(
             matrix=np.empty((*values.shape, 0)),
             values=values,
             # Decimation keeps the last sample.
-            time=signals.time[len(signals.time) - 1 - factor * (len(values) - 1) :: factor],
-            velocity=logs.decimate(signals.dq, processing.decimation),
+            time=signals.time[count - 1 - factor * (len(values) - 1) :: factor],
+            velocity=velocity,
             independent=logs.compute_noise_bandwidth(processing, signals.period),
             bad=None if signals.bad is None else logs.mask_decimated(signals.bad, processing.decimation),
         )
     windows = choose_windows(len(signals.time), signals.period, window, pieces)
-    span = windows.intervals * windows.period * pieces
-    values = _merge(integrate_windows(signals.tau, windows), pieces)
-    velocity = _merge(integrate_windows(signals.dq, windows), pieces) / span
-    return _outline_windows(signals, windows, pieces, values, velocity)
+    span, found = windows.intervals * windows.period * pieces, []
+    for _, block, part in _cut_windows(windows, pieces):
+        own = signals.cut(part)
+        found.append(_merge(integrate_windows(np.hstack([own.tau, own.dq]), block), pieces))
+    values, velocity = np.split(np.concatenate(found), 2, axis=1)
+    return _outline_windows(signals, windows, pieces, values, velocity / span)
 
 
 def cut_matrix(
-    kind: str, library: Library, signals: Signals, processing: Processing, *, window: float, pieces: int
+    kind: str,
+    library: Library,
+    signals: Signals | SignalParts,
+    processing: Processing,
+    *,
+    window: float,
+    pieces: int,
 ) -> Iterator[tuple[slice, FloatArray]]:
-    """Yield the matrix (k, n, p) of torque or momentum equations by blocks, with the rows of each."""
+    """Yield the matrix (k, n, p) of torque or momentum equations by blocks, with the rows of each.
+
+    Of long logs columns of base parameters, which are smooth, are evaluated as `logs.choose_thinning` says.
+    """
     if kind == "torque":
 
         def evaluate(part: slice) -> FloatArray:
-            return evaluate_columns(library, *signals.pick_states(part))
+            q, dq, ddq, *_ = signals.cut(part).pick_states(slice(None))
+            (columns,) = library.evaluate("torque_regressor", q, dq, ddq)
+            return columns
 
-        yield from logs.decimate_blocks(evaluate, len(signals.time), processing.decimation)
+        def evaluate_friction(part: slice) -> FloatArray:
+            states = signals.cut(part).pick_states(slice(None))
+            return np.concatenate(_evaluate_friction(library, states), axis=2).reshape(len(states[0]), -1)
+
+        thin = logs.choose_thinning(processing, signals.period)
+        settings = len(signals.time), processing.decimation
+        rigid = logs.decimate_blocks(evaluate, *settings, thin)
+        if not library.card.friction and library.tangents is None:
+            yield from rigid
+            return
+        friction = logs.decimate_blocks(evaluate_friction, *settings)
+        for (rows, left), (_, right) in zip(rigid, friction, strict=True):
+            yield rows, np.concatenate([left, right.reshape(*left.shape[:2], -1)], axis=2)
         return
     windows = choose_windows(len(signals.time), signals.period, window, pieces)
     for rows, block, part in _cut_windows(windows, pieces):
-        q, dq = signals.q[part], signals.dq[part]
+        states = signals.cut(part).pick_states(slice(None))
+        q, dq, *_ = states
         (momentum,) = library.evaluate("momentum_regressor", q[block.ends], dq[block.ends])
         (lagrange,) = library.evaluate("lagrange_regressor", q, dq)
-        friction = _evaluate_friction(library, signals.pick_states(part))
-        matrix = integrate_windows(np.concatenate([-lagrange, *friction], axis=2), block)
+        columns = _evaluate_friction(library, states)
+        matrix = integrate_windows(np.concatenate([-lagrange, *columns], axis=2), block)
         matrix[:, :, : momentum.shape[2]] += np.diff(momentum, axis=0)
         yield rows, _merge(matrix, pieces)
 
@@ -201,7 +235,7 @@ def evaluate_torques(library: Library, signals: Signals, values: FloatArray) -> 
 
 
 def _outline_windows(
-    signals: Signals, windows: Windows, pieces: int, values: FloatArray, velocity: FloatArray
+    signals: Signals | SignalParts, windows: Windows, pieces: int, values: FloatArray, velocity: FloatArray
 ) -> EquationPart:
     ends, places = signals.time[windows.ends], np.arange(len(signals.time))[windows.ends]
     return EquationPart(

@@ -13,7 +13,8 @@ Not supported: losses other than squares (they need the rows); a verdict on prec
 parameters are fitted, and have a large standard deviation.
 """
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
@@ -342,17 +343,22 @@ def list_resting_joints(recording: Recording) -> tuple[int, ...]:
     The noise is that of second differences d: sigma = |d|_rms / sqrt(6). An encoder that flips between
     neighbouring ticks rests.
     """
-    position = recording.position
-    low, high, curve = position.min(axis=0), position.max(axis=0), np.diff(position, n=2, axis=0)
-    noise = np.sqrt(np.einsum("ij,ij->j", curve, curve) / max(1, len(curve)) / 6.0)
-    # Below this, a range is rounding of the position itself.
-    rounding = 16.0 * np.finfo(float).eps * np.maximum(-low, high)
-    resting = high - low <= np.maximum(20.0 * noise, rounding)
-    return tuple(np.flatnonzero(resting).tolist())
+    resting = []
+    for joint, column in enumerate(recording.position.T):
+        position = column.copy()
+        low, high, curve = float(position.min()), float(position.max()), np.diff(position, n=2)
+        noise = math.sqrt(float(curve @ curve) / max(1, len(curve)) / 6.0)
+        # Below this, a range is rounding of the position itself.
+        rounding = 16.0 * float(np.finfo(float).eps) * max(-low, high)
+        if high - low <= max(20.0 * noise, rounding):
+            resting.append(joint)
+    return tuple(resting)
 
 
-def hold_resting_joints(signals: Signals, resting: tuple[int, ...]) -> Signals:
-    """Return the signals with the given joints exactly at rest, at their mean position.
+def hold_resting_joints(
+    signals: Signals, resting: tuple[int, ...], places: Sequence[float] | None = None
+) -> Signals:
+    """Return the signals with the given joints exactly at rest, at `places` or else at their mean position.
 
     Encoder noise would pass for motion, and its sign for the direction of dry friction.
     """
@@ -360,6 +366,6 @@ def hold_resting_joints(signals: Signals, resting: tuple[int, ...]) -> Signals:
         return signals
     joints = list(resting)
     q, dq, ddq = signals.q.copy(), signals.dq.copy(), signals.ddq.copy()
-    q[:, joints] = q[:, joints].mean(axis=0)
+    q[:, joints] = q[:, joints].mean(axis=0) if places is None else places
     dq[:, joints] = ddq[:, joints] = 0.0
     return replace(signals, q=q, dq=dq, ddq=ddq)

@@ -17,9 +17,10 @@ median of the power spectral density of the position (Welch) over the upper half
 
     noise   floor (2 pi)^4 b^5 / 5,     motion   integral to b of (density - floor) (2 pi f)^4 df
 
-Long logs have outlines (values, times, velocities and weights of all equations) and segments: stretches of
-time of one joint in one run, each with the triangle of [A y], from which all but residuals are computed.
-Segments begin wherever a block of `compute_block_deviations` or a run begins.
+Long logs are passed twice, part by part: for values and velocities of all equations, which say what counts,
+and for the triangles of [A y] of segments, from which all else is computed. Segments are stretches of time of
+one joint in one run; they begin wherever a block of `compute_block_deviations` or a run begins. Equations
+that are slow have a triangle of each joint, for what the fit leaves of them.
 
 Supported: several recordings (the best of them counts for each joint); encoders with white noise,
 quantisation included; known payloads, whose torque Y dbeta is subtracted; joints at rest, whose rows are
@@ -30,9 +31,10 @@ power and energy rows, whose covariance needs every row.
 """
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
+from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,7 +53,7 @@ from symid.identification.regression.identifiability import (
     hold_resting_joints,
     list_resting_joints,
 )
-from symid.logs import Recording, Signals
+from symid.logs import Recording, SignalParts, Signals
 from symid.robot import Processing, Robot
 
 
@@ -65,8 +67,13 @@ class JointBand(NamedTuple):
     clean: float
 
 
+_BANDS: WeakKeyDictionary[Recording, tuple[JointBand, ...]] = WeakKeyDictionary()
+
+
 def measure_bands(recording: Recording) -> tuple[JointBand, ...]:
-    """Return noise and clean band of every joint of a recording."""
+    """Return noise and clean band of every joint of a recording; the same one is measured once."""
+    if recording in _BANDS:
+        return _BANDS[recording]
     rate = 1.0 / recording.period
     length = min(len(recording.time), max(64, round(2.0 * rate)))
     frequency, density = logs.estimate_density(recording.position, rate, length)
@@ -78,7 +85,7 @@ def measure_bands(recording: Recording) -> tuple[JointBand, ...]:
         below = np.flatnonzero(np.cumsum(floor * steep) <= POLICY.relevance * motion)
         clean = float(frequency[below[-1]]) if len(below) else 0.0
         bands.append(JointBand(float(np.sqrt(floor)), clean))
-    return tuple(bands)
+    return _BANDS.setdefault(recording, tuple(bands))
 
 
 class FilterChoice(NamedTuple):
@@ -142,9 +149,9 @@ def measure_moving_ends(processing: Processing, recordings: Sequence[Recording])
     for recording in recordings if cutoff is not None else ():
         spoilt = count_spoilt(cutoff, recording.period)
         span = max(1, round(spoilt / POLICY.periods))
-        speed = np.abs(recording.position[span:] - recording.position[:-span])
-        if len(speed):
-            moving = np.any(speed[[0, -1]] > POLICY.relevance * speed.max(axis=0), axis=1)
+        for values in recording.position.T if span < len(recording.time) else ():
+            speed = np.abs(values[span:] - values[:-span])
+            moving = speed[[0, -1]] > POLICY.relevance * speed.max()
             found = [max(one, spoilt if moves else 0) for one, moves in zip(found, moving, strict=True)]
     return found[0], found[1]
 
@@ -333,6 +340,12 @@ def prepare_states(library: Library, recording: Recording, processing: Processin
     `processing` leaves nothing open. A LogError tells that the recording has another number of joints than
     the robot, an IdentifiabilityError that no joint moves.
     """
+    resting = _check_motion(library, recording)
+    return _settle_states(library, recording, logs.prepare_signals(recording, processing), resting)
+
+
+def _check_motion(library: Library, recording: Recording) -> tuple[int, ...]:
+    """Return the joints at rest, or raise the errors of `prepare_states`."""
     check_joints(library, (recording,))
     resting = list_resting_joints(recording)
     if len(resting) == library.card.size:
@@ -342,7 +355,18 @@ def prepare_states(library: Library, recording: Recording, processing: Processin
         )
         notice = Notice(code="identify.standstill", text=text, file=recording.source)
         raise IdentifiabilityError(notice)
-    signals = hold_resting_joints(logs.prepare_signals(recording, processing), resting)
+    return resting
+
+
+def _settle_states(
+    library: Library,
+    recording: Recording,
+    signals: Signals,
+    resting: tuple[int, ...],
+    places: Sequence[float] | None = None,
+) -> Signals:
+    """Return the signals with joints at rest, at `places` in rad or m, and torques without known payloads."""
+    signals = hold_resting_joints(signals, resting, places)
     load = compute_payload_torque(library, signals, recording)
     return signals if load is None else replace(signals, tau=signals.tau - load)
 
@@ -356,12 +380,13 @@ def outline_motion(
 ) -> tuple[tuple[float, ...], ...]:
     """Return states q, dq, ddq (`STATES`, 3 n) evenly spread over the recordings, with six digits."""
     used = choose_filters(processing, recordings).processing
-    signals = [prepare_states(library, entry, used) for entry in recordings]
-    ends, rows = np.cumsum([0, *(len(entry.q) for entry in signals)]), list[tuple[float, ...]]()
+    signals = [follow_states(library, entry, used) for entry in recordings]
+    ends, rows = np.cumsum([0, *(len(entry.time) for entry in signals)]), list[tuple[float, ...]]()
     for place in np.linspace(0, ends[-1] - 1, min(STATES, int(ends[-1]))).round().astype(int):
         run = int(np.searchsorted(ends, place, side="right")) - 1
-        states = (part[place - ends[run]] for part in (signals[run].q, signals[run].dq, signals[run].ddq))
-        rows.append(tuple(float(f"{value:.6g}") for value in np.concatenate([*states])))
+        here = int(place - ends[run])
+        q, dq, ddq, *_ = signals[run].cut(slice(here, here + 1)).pick_states(slice(None))
+        rows.append(tuple(float(f"{value:.6g}") for value in np.hstack([q, dq, ddq])[0]))
     return tuple(rows)
 
 
@@ -375,7 +400,7 @@ def mask_fast(
     """
     if rows.kind in equations.SCALAR_KINDS or not processing.standstill:
         return np.ones(len(speed), dtype=np.bool_), ()
-    limits = np.array([processing.get_standstill(joint) for joint in range(len(rows.group_names))])
+    limits = _list_limits(processing, len(rows.group_names))
     slow = np.abs(speed) < limits[rows.group]
     beside = ""
     if margin:
@@ -394,12 +419,35 @@ def mask_fast(
                     break
                 reach *= 0.5
     lost, whole = np.bincount(rows.group[slow]), np.bincount(rows.group)
+    return ~slow, _describe_slow(rows.group_names, lost, whole, limits, beside, file)
+
+
+def _list_limits(processing: Processing, joints: int) -> FloatArray:
+    return np.array([processing.get_standstill(joint) for joint in range(joints)])
+
+
+def _describe_slow(  # noqa: PLR0917 - parts of a sentence
+    names: Sequence[str],
+    lost: NDArray[np.intp],
+    whole: NDArray[np.intp],
+    limits: FloatArray,
+    beside: str = "",
+    file: str = "",
+) -> tuple[Notice, ...]:
     texts = (
-        f"joint {rows.group_names[group]!r}: {lost[group]} of {whole[group]} samples slower than "
+        f"joint {names[group]!r}: {lost[group]} of {whole[group]} samples slower than "
         f"processing.standstill = {limits[group]:g}{beside} were left out of the fit"
-        for group in np.flatnonzero(lost)
+        for group in np.flatnonzero(lost).tolist()
     )
-    return ~slow, tuple(Notice(code="identify.slow-rows", text=text, file=file) for text in texts)
+    return tuple(Notice(code="identify.slow-rows", text=text, file=file) for text in texts)
+
+
+def _describe_rest(name: str) -> Notice:
+    text = (
+        f"joint {name!r} does not move in this log: dry friction or a brake may hold any torque, so its "
+        "samples were left out"
+    )
+    return Notice(code=JOINT_AT_REST, text=text)
 
 
 def leave_out_rows(
@@ -416,12 +464,7 @@ def leave_out_rows(
     held = [joint for joint in list_resting_joints(recording) if joints[joint].friction != "none"]
     if fast.all() and not held:
         return rows
-    texts = (
-        f"joint {joints[joint].name!r} does not move in this log: dry friction or a brake may hold any "
-        "torque, so its samples were left out"
-        for joint in held
-    )
-    notices = (Notice(code=JOINT_AT_REST, text=text, file=file) for text in texts)
+    notices = (replace(_describe_rest(joints[joint].name), file=file) for joint in held)
     kept = equations.select_rows(rows, fast & ~np.isin(rows.group, held))
     return replace(kept, notices=(*rows.notices, *slow, *notices))
 
@@ -443,19 +486,14 @@ BLOCKS = POLICY.folds * POLICY.parts
 """Blocks of consecutive equations of a joint: within one, residuals may depend on each other."""
 
 
-class StatesKeeper:
-    """Prepares the states of recordings, and keeps those of the last one: passes over a log share them."""
+def follow_states(library: Library, recording: Recording, processing: Processing) -> SignalParts:
+    """Return the states and torques of `prepare_states` part by part; errors are the same."""
+    resting = _check_motion(library, recording)
 
-    _last: tuple[tuple[Library, Recording, Processing], Signals] | None = None
+    def settle(signals: Signals, places: Sequence[float]) -> Signals:
+        return _settle_states(library, recording, signals, resting, places)
 
-    def __call__(self, library: Library, recording: Recording, processing: Processing) -> Signals:
-        """Return the states as `prepare_states`, which reads no standstill speed."""
-        wanted = library, recording, replace(processing, standstill=None)
-        if self._last is None or self._last[0] != wanted:
-            # Before others are made: two logs need not be in memory.
-            self._last = None
-            self._last = wanted, prepare_states(*wanted)
-        return self._last[1]
+    return SignalParts(recording, processing, resting, settle)
 
 
 class RowBuilder(NamedTuple):
@@ -466,11 +504,6 @@ class RowBuilder(NamedTuple):
     processing: Processing
     window: float
     overlap: float
-    keeper: Callable[[Library, Recording, Processing], Signals] = prepare_states
-
-    def prepare_states(self, recording: Recording) -> Signals:
-        """Return the filtered states of a recording."""
-        return self.keeper(self.library, recording, self.processing)
 
     def prepare(self, recording: Recording) -> equations.Rows:
         """Return the equations of a recording, see `prepare_rows`."""
@@ -478,70 +511,85 @@ class RowBuilder(NamedTuple):
             self.kind, self.library, recording, self.processing, window=self.window, overlap=self.overlap
         )
 
-    def outline(self, recording: Recording) -> equations.Rows:
-        """Return the equations of a recording with their places in time (m, 1), from zero, as matrix."""
-        card, signals = self.library.card, self.prepare_states(recording)
-        pieces = equations.count_pieces(self.overlap)
-        part = equations.outline_part(self.kind, signals, self.processing, self.window, pieces)
-        places = np.arange(len(part.values), dtype=np.float64)
-        part = part._replace(matrix=np.tile(places[:, None, None], (1, card.size, 1)))
-        rows = equations.assemble_rows(self.kind, card, part)
-        return leave_out_rows(rows, self.library, recording, self.processing)
+    def follow(self, recording: Recording) -> SignalParts:
+        """Return the states of a recording."""
+        return follow_states(self.library, recording, self.processing)
 
-    def cut(self, recording: Recording) -> Iterator[tuple[slice, FloatArray]]:
+    def outline(
+        self, recording: Recording, states: SignalParts
+    ) -> tuple[equations.EquationPart, NDArray[np.bool_], tuple[Notice, ...]]:
+        """Return the equations of a recording without a matrix, and which (M, n) are good and not at rest."""
+        card, pieces = self.library.card, equations.count_pieces(self.overlap)
+        part = equations.outline_part(self.kind, states, self.processing, self.window, pieces)
+        bad = np.zeros(part.values.shape, dtype=np.bool_) if part.bad is None else part.bad
+        pairs = zip(card.joints, bad.T, strict=True)
+        told = [equations.warn_of_bad(joint.name, own) for joint, own in pairs if own.any()]
+        held = [joint for joint in states.resting if card.joints[joint].friction != "none"]
+        told += [_describe_rest(card.joints[joint].name) for joint in held]
+        every = ~bad
+        every[:, held] = False
+        return part, every, tuple(replace(one, file=recording.source) for one in told)
+
+    def list_speeds(self, recordings: Sequence[Recording]) -> FloatArray:
+        """Return the velocities (m,) of all equations of recordings, slow ones too, group by group."""
+        parts = [self.outline(entry, self.follow(entry)) for entry in recordings]
+        joints = range(self.library.card.size)
+        return np.concatenate([part.velocity[every[:, k], k] for k in joints for part, every, _ in parts])
+
+    def cut(self, states: SignalParts) -> Iterator[tuple[slice, FloatArray]]:
         """Yield the matrix (k, n, p) of a recording's equations by stretches of time, and their places."""
-        signals, pieces = self.prepare_states(recording), equations.count_pieces(self.overlap)
+        pieces = equations.count_pieces(self.overlap)
         return equations.cut_matrix(
-            self.kind, self.library, signals, self.processing, window=self.window, pieces=pieces
+            self.kind, self.library, states, self.processing, window=self.window, pieces=pieces
         )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class LongRows:
-    """Equations without their matrix: in its place the `outline` has the places in time (m, 1).
+    """Equations of which only triangles are kept: `rows` are none, but say what they are.
 
-    `triangles` (s, p + 1, p + 1) are of [A y] of segments, not weighed; `starts` (s + 1,) their first rows.
+    `triangles` (s, p + 1, p + 1) are of [A y] of segments, not weighed; `group`, `block` and `weight` (s,) of
+    each its joint, its place among `BLOCKS` of the joint, and the weight of its recording; `counts` (g,)
+    equations. `slow` are the equations that were left out because they are slow, not weighed.
     """
 
-    outline: equations.Rows
+    rows: equations.Rows
     triangles: FloatArray
-    starts: NDArray[np.intp]
+    group: NDArray[np.intp]
+    block: NDArray[np.intp]
+    weight: FloatArray
+    counts: NDArray[np.intp]
+    slow: Condensed
 
-    def condense(self) -> Condensed:
-        """Return the condensed equations of all runs, weighed."""
-        groups, owner = len(self.outline.group_names), self.outline.group[self.starts[:-1]]
-        factors = np.array([self._join(owner == group) for group in range(groups)])
-        counts = np.bincount(self.outline.group, minlength=groups).astype(np.intp)
-        return Condensed(factors=factors, counts=counts, independent=self.outline.independent)
+    def condense(self, *, weighed: bool = True) -> Condensed:
+        """Return the condensed equations of all runs."""
+        groups, independent = range(len(self.counts)), self.rows.independent
+        factors = np.array([self._join(self.group == group, weighed=weighed) for group in groups])
+        return Condensed(factors=factors, counts=self.counts, independent=independent)
 
     def sketch(self) -> equations.Rows:
         """Return p + 1 equations for each of `BLOCKS` of time of every joint, with the block's squares.
 
         A'A and A'y of every block are those of its equations, so `compute_block_deviations` gives the same.
         """
-        outline, first, size = self.outline, self.starts[:-1], self.triangles.shape[1]
-        parts, groups = [], []
-        for group in np.unique(outline.group):
-            members = outline.group == group
-            for block in np.array_split(np.flatnonzero(members), BLOCKS):
-                inside = members[first] & (first >= block[0]) & (first <= block[-1])
-                parts.append(self._join(inside))
-                groups.append(group)
-        table, count = np.vstack(parts), len(parts) * size
+        pairs = [(group, block) for group in np.unique(self.group) for block in range(BLOCKS)]
+        parts = [self._join((self.group == group) & (self.block == block)) for group, block in pairs]
+        table, size = np.vstack(parts), self.triangles.shape[1]
+        count = len(table)
         return replace(
-            outline,
+            self.rows,
             matrix=table[:, :-1],
             values=table[:, -1],
-            group=np.repeat(groups, size),
+            group=np.repeat([group for group, _ in pairs], size),
             time=np.zeros(count),
             velocity=np.zeros(count),
             run=np.zeros(count, dtype=np.intp),
             weight=np.ones(count),
         )
 
-    def _join(self, inside: NDArray[np.bool_]) -> FloatArray:
+    def _join(self, inside: NDArray[np.bool_], *, weighed: bool = True) -> FloatArray:
         size = self.triangles.shape[1]
-        roots = np.sqrt(self.outline.weight[self.starts[:-1][inside]])
+        roots = np.sqrt(self.weight[inside]) if weighed else np.ones(int(inside.sum()))
         stacked = (self.triangles[inside] * roots[:, None, None]).reshape(-1, size)
         blocks = (stacked[start : start + BLOCK] for start in range(0, len(stacked), BLOCK))
         return extend_triangle(np.zeros((0, size)), blocks)
@@ -551,49 +599,56 @@ def condense_recordings(
     maker: RowBuilder, recordings: Sequence[Recording], weights: Sequence[float] | None
 ) -> LongRows | None:
     """Return the condensed equations of recordings; None where a joint has too few of them for blocks."""
-    outline = equations.stack_rows([maker.outline(entry) for entry in recordings], weights)
-    # Where segments begin, and the end.
-    begins = {len(outline.values)}
-    for group in np.unique(outline.group):
-        members = np.flatnonzero(outline.group == group)
-        if len(members) < BLOCKS:
-            return None
-        begins |= {int(block[0]) for block in np.array_split(members, BLOCKS)}
-        _, firsts = np.unique(outline.run[members], return_index=True)
-        begins |= {*members[firsts].tolist()}
-    starts = np.array(sorted(begins), dtype=np.intp)
-    size = len(outline.names) + 1
-    triangles = np.zeros((len(starts) - 1, size, size))
-    for run, recording in enumerate(recordings):
-        mine, joints = outline.run == run, range(maker.library.card.size)
-        own = [np.flatnonzero(mine & (outline.group == joint)) for joint in joints]
-        times = [outline.matrix[places, 0].astype(np.intp) for places in own]
-        for part, matrix in maker.cut(recording):
-            for joint, (places, time) in enumerate(zip(own, times, strict=True)):
-                low, high = np.searchsorted(time, [part.start, part.stop])
-                chosen = places[low:high]
-                columns = matrix[time[low:high] - part.start, joint]
-                table = np.column_stack([columns, outline.values[chosen]])
-                owner = np.searchsorted(starts, chosen, side="right") - 1
-                for segment in np.unique(owner):
-                    inside = table[owner == segment]
-                    blocks = (inside[start : start + BLOCK] for start in range(0, len(inside), BLOCK))
-                    triangles[segment] = extend_triangle(triangles[segment], blocks)
-    return LongRows(outline=outline, triangles=triangles, starts=starts)
+    states = list(map(maker.follow, recordings))
+    parts, every, notices = zip(*map(maker.outline, recordings, states), strict=True)
+    card, size = maker.library.card, len(maker.library.card.fitted) + 1
+    limits, joints = _list_limits(maker.processing, card.size), range(card.size)
+    kept = [own & (np.abs(part.velocity) >= limits) for own, part in zip(every, parts, strict=True)]
+    # Rows of each joint in each run; where its segments begin, which are of one block and one run.
+    sizes = np.array([own.sum(axis=0) for own in kept])
+    counts, whole = sizes.sum(axis=0), np.sum([own.sum(axis=0) for own in every], axis=0)
+    if np.any((counts > 0) & (counts < BLOCKS)):
+        return None
+    blocks = [np.cumsum([0, *(len(part) for part in np.array_split(np.empty(n), BLOCKS))]) for n in counts]
+    runs = np.vstack([np.zeros_like(counts), np.cumsum(sizes, axis=0)]).T
+    begins = [np.unique(np.concatenate(pair)) for pair in zip(blocks, runs, strict=True)]
+    triangles = [np.zeros((len(begin) - 1, size, size)) for begin in begins]
+    slow, passed = np.zeros((card.size, size, size)), np.zeros_like(counts)
+    for state, part, some, used in zip(states, parts, every, kept, strict=True):
+        for stretch, matrix in maker.cut(state):
+            for joint in joints:
+                table = np.column_stack([matrix[:, joint], part.values[stretch, joint]])
+                fast = used[stretch, joint]
+                slow[joint] = _add_rows(slow[joint], table[some[stretch, joint] & ~fast])
+                table, first = table[fast], passed[joint]
+                passed[joint] += len(table)
+                owner = _find_owners(begins[joint], np.arange(first, passed[joint]))
+                for place in np.unique(owner):
+                    triangles[joint][place] = _add_rows(triangles[joint][place], table[owner == place])
+    starts = [begin[:-1] for begin in begins]
+    run = np.concatenate(list(map(_find_owners, runs, starts)))
+    told = dict.fromkeys(notice for own in notices for notice in own)
+    lost = _describe_slow([joint.name for joint in card.joints], whole - counts, whole, limits)
+    shares = sizes.sum(axis=1) / max(int(counts.sum()), 1)
+    independent = float(shares @ [part.independent for part in parts])
+    none = np.empty((0, card.size))
+    empty = equations.EquationPart(np.empty((0, card.size, size - 1)), none, np.empty(0), none, independent)
+    return LongRows(
+        rows=replace(equations.assemble_rows(maker.kind, card, empty), notices=(*told, *lost)),
+        triangles=np.concatenate(triangles),
+        group=np.repeat(joints, list(map(len, starts))),
+        block=np.concatenate(list(map(_find_owners, blocks, starts))),
+        weight=np.asarray(weights or np.ones(len(states)), dtype=np.float64)[run],
+        counts=counts,
+        slow=Condensed(factors=slow, counts=whole - counts, independent=independent),
+    )
 
 
-def predict_outlines(
-    maker: RowBuilder, recordings: Sequence[Recording], outlines: Sequence[equations.Rows], values: FloatArray
-) -> list[FloatArray]:
-    """Return what parameters (p,) predict of the equations (m,) of each outline, by another pass for all."""
-    predicted = [np.empty(len(outline.values)) for outline in outlines]
-    for run, recording in enumerate(recordings):
-        if maker.kind == "torque":
-            torques = equations.evaluate_torques(maker.library, maker.prepare_states(recording), values)
-            whole = logs.decimate(torques, maker.processing.decimation)
-        else:
-            whole = np.concatenate([matrix @ values for _, matrix in maker.cut(recording)])
-        for outline, found in zip(outlines, predicted, strict=True):
-            own = outline.run == run
-            found[own] = whole[outline.matrix[own, 0].astype(np.intp), outline.group[own]]
-    return predicted
+def _find_owners(begins: NDArray[np.intp], places: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Return which part each place (k,) is in, of parts that begin somewhere."""
+    return np.searchsorted(begins, places, side="right") - 1
+
+
+def _add_rows(triangle: FloatArray, table: FloatArray) -> FloatArray:
+    blocks = (table[start : start + BLOCK] for start in range(0, len(table), BLOCK))
+    return extend_triangle(triangle, blocks) if len(table) else triangle

@@ -2,7 +2,7 @@
 
     Recording -> FitPlan -> Rows -> Identifiability -> RegressionFit -> Evidence -> Estimate
 
-Logs that are too long for memory are condensed block by block, and a second pass finds their residuals.
+Logs that are too long for memory are condensed part by part; triangles give their residuals, too.
 Standard deviations hold for residuals that are correlated in time and between joints; an estimator other
 than ols, wls and instruments keeps its own, times what correlation adds to those of wls.
 
@@ -38,15 +38,17 @@ from symid.robot import Processing, Robot
 class FittedRows:
     """Equations of a fit, what is identifiable from them, the fit, and notices on correlated residuals.
 
-    `whole` are all m rows, slow ones too, `residuals` (m,) what the fit leaves of them.
+    `samples` of the equations, which a long log does not keep; `residual` what the fit leaves of them, and
+    `every` of all, slow ones too.
     """
 
     rows: regression.Rows
     identifiability: regression.Identifiability
     fit: estimators.RegressionFit
     pattern: tuple[Notice, ...] = ()
-    whole: regression.Rows
-    residuals: FloatArray
+    samples: int
+    residual: tuple[estimators.Residual, ...]
+    every: tuple[estimators.Residual, ...]
 
 
 def identify_parameters(
@@ -146,6 +148,7 @@ def identify_parameters(
         recordings=recordings,
         settings=settings,
     )
+    estimate = replace(estimate, samples=fitted.samples, residual=fitted.residual)
     notices = [*plan.notices, *law_notices, *estimate.notices, *fitted.pattern]
     if not chosen:
         notices += diagnostics.warn_of_processing(used, recordings)
@@ -168,8 +171,7 @@ def identify_parameters(
     if rows not in regression.SCALAR_KINDS:
         # The residuals of all rows, slow ones too, with the scatter of those in the fit.
         scatter = {entry.joint: entry.std for entry in residual}
-        whole = estimators.compute_residuals(fitted.whole, fitted.residuals, 0)
-        residual = tuple(replace(entry, std=scatter.get(entry.joint, entry.std)) for entry in whole)
+        residual = tuple(replace(entry, std=scatter.get(entry.joint, entry.std)) for entry in fitted.every)
     choice = plan.study.choice if plan.study is not None and chosen else None
     return replace(estimate, choice=choice, evidence=evidence, residual=residual, notices=tuple(notices))
 
@@ -196,7 +198,7 @@ def fit_in_memory(
     elif plan.scoring and builder.kind not in regression.SCALAR_KINDS:
         cutoff = min(plan.scoring, used.filter_cutoff or plan.scoring)
         smooth = moving._replace(processing=replace(moving.processing, filter_cutoff=cutoff))
-        speed = regression.stack_rows(list(map(smooth.outline, recordings))).velocity
+        speed = smooth.list_speeds(recordings)
     kept, slow = regression.mask_fast(whole, speed, used, margin=plan.margin)
     if plan.scoring and builder.kind not in regression.SCALAR_KINDS:
         card = builder.library.card
@@ -244,8 +246,9 @@ def fit_in_memory(
         identifiability=identifiability,
         fit=fit,
         pattern=pattern,
-        whole=whole,
-        residuals=whole.values - whole.matrix @ fit.values,
+        samples=len(built.values),
+        residual=estimators.compute_residuals(built, fit.residuals, fit.spent),
+        every=estimators.compute_residuals(whole, whole.values - whole.matrix @ fit.values, 0),
     )
 
 
@@ -301,32 +304,26 @@ def fit_long(
     weights: Sequence[float] | None = None,
 ) -> FittedRows | None:
     """Return the fit of recordings whose matrix is never in memory; None where a joint has too few rows."""
-    builder = builder._replace(keeper=regression.StatesKeeper())
     long = regression.condense_recordings(builder, recordings, weights)
     if long is None:
         return None
-    every = builder._replace(processing=replace(builder.processing, standstill=None))
-    whole = regression.stack_rows(list(map(every.outline, recordings)), weights)
-    _, slow = regression.mask_fast(whole, whole.velocity, builder.processing)
-    rows = replace(long.outline, notices=(*whole.notices, *slow))
-    condensed, freedom = long.condense(), builder.processing.noise_freedom
+    rows, condensed, freedom = long.rows, long.condense(), builder.processing.noise_freedom
     identifiability = regression.analyse_condensed(condensed, rows.kind, rows.names, rule)
     regression.check_identifiable_share(identifiability, rows.names, rule.least, rows.notices)
     plain = None if estimator == "wls" else np.ones(len(condensed.counts))
-    found = estimators.fit_condensed(condensed, identifiability.basis, plain, freedom)
-    predicted, every_row = regression.predict_outlines(every, recordings, (rows, whole), found.values)
-    groups, sketch = found.weights, long.sketch()
-    factors = groups[rows.group] * np.sqrt(rows.weight)
-    fit = replace(found, residuals=rows.values - predicted, weights=factors)
-    left = sketch.values - sketch.matrix @ found.values
-    blocks = replace(found, residuals=left, weights=groups[sketch.group])
+    fit = estimators.fit_condensed(condensed, identifiability.basis, plain, freedom)
+    sketch = long.sketch()
+    left = sketch.values - sketch.matrix @ fit.values
+    blocks = replace(fit, residuals=left, weights=fit.weights[sketch.group])
+    residuals = partial(estimators.condense_residuals, rows, values=fit.values)
     return FittedRows(
         rows=rows,
         identifiability=identifiability,
         fit=fit,
         pattern=diagnostics.warn_of_correlated_residuals(sketch, blocks, identifiability),
-        whole=whole,
-        residuals=whole.values - every_row,
+        samples=int(long.counts.sum()),
+        residual=residuals([long.condense(weighed=False)], spent=fit.spent),
+        every=residuals([long.condense(weighed=False), long.slow], spent=0.0),
     )
 
 

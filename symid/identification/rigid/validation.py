@@ -412,7 +412,7 @@ def measure_decimation_price(
         if long is None:
             return ()
         condensed, sketch = long.condense(), long.sketch()
-        basis = regression.analyse_condensed(condensed, long.outline.kind, long.outline.names).basis
+        basis = regression.analyse_condensed(condensed, long.rows.kind, long.rows.names).basis
         own = estimators.fit_condensed(condensed, basis, groups, builder.processing.noise_freedom)
         # Weighted rows [A B, y] with the squares of all equations, and the stretch of time of each.
         table = np.column_stack([sketch.matrix @ identifiability.basis, sketch.values])

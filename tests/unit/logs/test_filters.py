@@ -10,7 +10,9 @@ from scipy.signal import butter, cheby1, detrend, sosfilt, sosfiltfilt, welch
 from symid.errors import LogError
 from symid.logs.recording import Recording
 from symid.logs.signals import (
+    SignalParts,
     choose_processing,
+    choose_thinning,
     compute_least_samples,
     compute_noise_bandwidth,
     decimate,
@@ -158,6 +160,77 @@ def test_blocks_of_a_long_signal_are_those_of_the_whole(shape):
     assert [places.start for places, _ in blocks[1:]] == [places.stop for places, _ in blocks[:-1]]
     joined = np.concatenate([rows for _, rows in blocks])
     np.testing.assert_allclose(joined, decimate_by_scipy(values, decimation), atol=1e-12)
+
+
+@pytest.mark.parametrize(("cutoff", "factor", "step"), [(30.0, 8, 4), (3.0, 20, 20)])
+def test_thinned_samples_of_smooth_signals_give_the_same_rows(cutoff, factor, step):
+    """White noise through a low-pass, squared: what no single sine would show."""
+    noise = np.random.default_rng(9).normal(size=(120_000, 2))
+    smooth = low_pass(noise, period=T, cutoff=cutoff, order=4)
+    values, decimation = np.column_stack([smooth, smooth**2, 0.0 * smooth]), Decimation(factor=factor)
+    thin = choose_thinning(Processing(filter_cutoff=cutoff, decimation=decimation), T)
+    assert thin == step
+    asked = []
+
+    def evaluate(part):
+        asked.append(part.step)
+        return values[part]
+
+    rows = np.concatenate([part for _, part in decimate_blocks(evaluate, len(values), decimation, thin)])
+    assert asked == [1, *[thin] * (len(asked) - 2), 1]
+    assert len(asked) > 5
+    whole = decimate(values, decimation)
+    assert np.abs(rows - whole).max() < 1e-5 * np.abs(whole).max()
+    assert np.abs(rows - whole).max() > 0.0
+    # What folds is not thinned: the noise itself would be another.
+    plain = np.concatenate(
+        [part for _, part in decimate_blocks(lambda part: noise[part], len(noise), decimation, thin)]
+    )
+    assert np.abs(plain - decimate(noise, decimation)).max() > 0.1
+
+
+@pytest.mark.parametrize(
+    ("cutoff", "factor", "expected"),
+    [(None, 8, 1), (400.0, 8, 1), (258.0, 8, 2), (30.0, 8, 4), (100.0, 5, 1), (3.0, 20, 20), (3.0, 1, 1)],
+)
+def test_samples_are_thinned_as_far_as_the_low_pass_allows(cutoff, factor, expected):
+    """By the gain of SciPy's filter where the edge of the rows folds from: 1e-5 or less."""
+    decimation = Decimation(factor=factor)
+    thin = choose_thinning(Processing(filter_cutoff=cutoff, decimation=decimation), T)
+    assert thin == expected
+    for step in (k for k in range(2, factor + 1) if factor % k == 0 and cutoff is not None):
+        b, a = butter(4, cutoff, fs=1.0 / T)
+        angle = np.exp(-2j * np.pi * (1.0 / step - 0.4 / factor))
+        gain = abs(np.polyval(b[::-1], angle) / np.polyval(a[::-1], angle)) ** 2
+        assert step > thin or gain < 2e-5
+
+
+@pytest.mark.parametrize("cutoff", [None, 5.0, 60.0])
+@pytest.mark.parametrize("states", ["position", "velocity"])
+def test_signals_part_by_part_are_those_of_the_whole(cutoff, states):
+    rng, time = np.random.default_rng(3), np.arange(9000) * T
+    position = np.column_stack([np.sin(3.0 * time), np.cos(40.0 * time)]) + 1e-5 * rng.normal(size=(9000, 2))
+    log = Recording(
+        time=time,
+        position=position,
+        torque=rng.normal(size=position.shape),
+        velocity=np.gradient(position, T, axis=0),
+        load=rng.normal(size=position.shape),
+        temperature=rng.normal(size=position.shape),
+        bad=rng.uniform(size=position.shape) < 0.01,
+    )
+    settings = Processing(filter_cutoff=cutoff, drop_first=7, drop_last=11, filter_torque=True, states=states)
+    whole, parts = prepare_signals(log, settings), SignalParts(log, settings)
+    np.testing.assert_array_equal(parts.time, whole.time)
+    for part in (slice(0, 1), slice(4000, 4100), slice(4010, 4090, 3), slice(8900, len(whole.time))):
+        found, expected = parts.cut(part), whole.cut(part)
+        for name in ("time", "q", "dq", "ddq", "tau", "load", "temperature"):
+            values = getattr(whole, name)
+            np.testing.assert_allclose(
+                getattr(found, name), getattr(expected, name), rtol=0.0, atol=1e-10 * np.abs(values).max()
+            )
+    squares = np.mean(whole.ddq**2, axis=0)
+    np.testing.assert_allclose(parts.measure_accelerations(), squares, rtol=1e-10)
 
 
 def test_decimation_by_one_and_with_a_long_memory():

@@ -118,6 +118,11 @@ def build_logs(*seeds, **options):
     return CondensedLogs(LIBRARY, logs, Processing(automatic=True), (1.0, 2.0, 4.0, 8.0), 50.0)
 
 
+def list_rows(piece, level, joint):
+    columns = piece.pick(piece.matrices[level], joint, np.arange(len(LIBRARY.card.fitted)))
+    return np.column_stack([columns, piece.torques[level][:, joint]])
+
+
 @pytest.mark.parametrize("seeds", [(0,), (0, 1, 2)])
 @pytest.mark.parametrize(("level", "smooth", "share"), [(3, 3, 0), (2, 2, 1), (3, 2, 1)])
 def test_fits_without_a_fold_are_those_of_its_rows(seeds, level, smooth, share):
@@ -132,7 +137,7 @@ def test_fits_without_a_fold_are_those_of_its_rows(seeds, level, smooth, share):
             speed = np.abs(piece.states[1][::stride, joint])
             kept = (speed >= logs.limits[joint, share]) & ~rest[::stride, joint]
             root = np.sqrt(found.weights[joint])
-            rows = piece.matrices[level][:, joint][kept] * root
+            rows = list_rows(piece, level, joint)[kept] * root
             smooth_rows = evaluate_columns(LIBRARY, *piece.slow[smooth])[::stride, joint][kept] * root
             left.append(smooth_rows if smooth < level else rows[:, :-1])
             right.append(rows)
@@ -162,7 +167,7 @@ def test_losses_are_squares_of_rows_that_were_held_out():
         stride = piece.strides[level]
         for joint in (0, 1):
             kept = ~rest[::stride, joint]
-            rows, own = piece.matrices[level][kept, joint], block[::stride][kept]
+            rows, own = list_rows(piece, level, joint)[kept], block[::stride][kept]
             for place, fold in enumerate(logs.fold):
                 part = rows[own == place]
                 errors = part[:, -1] - part[:, :-1] @ fit.folds[fold]
