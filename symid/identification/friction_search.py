@@ -7,8 +7,11 @@ found, and their robot. Joints that are not named keep law and shape values of t
 
 The fit has one more column for each shape value s, the change of the torque with it, so that shape values
 have deviations of their own. It is repeated about the values found until they stay, with the loads that the
-estimate gives where none were measured. A law that was chosen gives way where the plain one surely predicts
-held-out torque of the whole robot better (`judge.compare`).
+estimate gives where none were measured. Where a last step leads farther than such a column is straight, the
+values are those of a fit without it: their deviations then say that the rows hardly know s.
+
+A law that was chosen gives way where the plain one surely predicts held-out torque of the whole robot better
+(`judge.compare`).
 
 Supported: all kinds of rows. Not supported: estimators that simulate the robot; elastic joints; laws with a
 state, which stay those of the robot file.
@@ -22,6 +25,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+import scipy
 
 from symid import joint_models
 from symid.arrays import FloatArray
@@ -37,11 +41,16 @@ from symid.robot import Processing, Robot, suggest_names
 
 
 class _Result(NamedTuple):
-    """A fit, its robot with functions, and the losses (parts, n) of held-out torque that a library leaves."""
+    """A fit, the robot about whose shape values it is, and its functions.
+
+    `refit` fits functions to the same recordings; `measure` returns the losses (parts, n) of held-out
+    torque that they leave.
+    """
 
     estimate: Estimate
     robot: Robot
     library: Library
+    refit: Callable[[Library], Estimate]
     measure: Callable[[Library], FloatArray]
 
 
@@ -182,6 +191,16 @@ def search_friction(
     found = set_friction(robot, {law.joint: law.friction for law in choice.joints})
     known = all(regression.list_measured_joints(recordings))
 
+    def settle(found: Robot, loaded: Sequence[Recording], library: Library) -> rigid.FitPlan:
+        """Return settings of a fit, which are found once."""
+        rows, estimator = options.get("rows", "torque"), options.get("estimator")
+        plan = rigid.plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
+        return _keep_slow_rows(plan, found, choice.motion.slowest)
+
+    def fit_once(found: Robot, loaded: Sequence[Recording], library: Library) -> Estimate:
+        plan = settle(found, loaded, library)
+        return rigid.identify_parameters(library, loaded, robot.processing, plan=plan, **options)
+
     def fit(found: Robot) -> _Result:
         """Return the fit of a robot with the laws found, repeated until shape values and loads stay."""
         beta, plan, best, left = choice.beta, None, None, numerics.ROUNDS
@@ -192,15 +211,14 @@ def search_friction(
             library = Library(replace(library.card, searched=_list_searched(found, names)), library.engine)
             loaded = regression.fill_loads(library, recordings, robot.processing, beta)
             if plan is None:
-                rows, estimator = options.get("rows", "torque"), options.get("estimator")
-                plan = rigid.plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
+                plan = settle(found, loaded, library)
             estimate = rigid.identify_parameters(library, loaded, robot.processing, plan=plan, **options)
-            before = _list_bent(found)
+            before, refit = _list_bent(found), partial(fit_once, found, loaded)
             # Where a step of shape values helps no more, others would lead away; loads settle by themselves.
             percent = estimate.mean_relative_percent
             if best is not None and before and percent > best.estimate.mean_relative_percent:
-                return best._replace(estimate=_take_deviations(best.estimate, estimate))
-            found = _move_friction(found, estimate)
+                return _hold_shape(best, estimate)
+            begun, found = found, _move_friction(found, estimate)
             after, deviations = _list_bent(found), {entry.name: entry.std for entry in estimate.parameters}
             # Within a deviation, or where columns that are linear about a value, times others, are exact.
             still = all(
@@ -210,19 +228,61 @@ def search_friction(
             new = estimate.assemble([entry.name for entry in library.card.beta])
             stays = known or "load" not in library.card.friction_inputs or _agree(new, beta)
             measure = partial(_measure_losses, recordings=loaded, processing=plan.processing)
-            best = _Result(estimate, found, library, measure)
+            best = _Result(estimate, begun, library, refit, measure)
             if not left or (still and stays):
-                return best
+                return _hold_shape(best, estimate)
             beta = new
 
     result = fit(found)
     if (plain := _make_plain(found, _list_chosen(found, names))) != found and result.estimate.evidence:
         progress(f"comparing with {rigid.PLAIN}")
         choice, result = _give_up_worse(choice, names, fit, result, result.measure(prepare(plain)))
-    estimate, found, library, _ = result
+    estimate, found, library = result[:3]
     laws = rigid.compare_friction(choice, {joint.name: joint.friction for joint in found.axes})
     estimate = replace(estimate, notices=(*choice.notices, *laws, *estimate.notices))
     return _record_laws(estimate, found, robot, library, choice, names), library
+
+
+def _keep_slow_rows(plan: rigid.FitPlan, robot: Robot, slowest: FloatArray) -> rigid.FitPlan:
+    """Return the plan with slow rows, from speeds (n,) of the choice on, of joints whose laws bend there."""
+    stated, kept = plan.processing.standstill, list[str]()
+    if not isinstance(stated, tuple):
+        return plan
+    speeds = list(stated)
+    for place, (joint, slow) in enumerate(zip(robot.axes, slowest, strict=True)):
+        law = joint_models.get_friction_law(joint.friction)
+        if law and any(entry.unit == "rad/s" for entry in law.shape) and slow < speeds[place]:
+            speeds[place] = float(f"{slow:.3g}")
+            kept.append(f"{joint.name} {slow:.3g}")
+    if not kept:
+        return plan
+    text = (
+        f"slow samples that show how the friction law bends are kept from these speeds on: {', '.join(kept)}"
+    )
+    note = Notice(code="identify.automatic", text=text)
+    settings = replace(plan.processing, standstill=tuple(speeds))
+    return replace(plan, processing=settings, notices=(*plan.notices, note))
+
+
+def _hold_shape(result: _Result, later: Estimate) -> _Result:
+    """Return a fit and the robot that it found, with the deviations of a `later` fit.
+
+    Shape values stay those of the columns where a step leads farther than these are straight.
+    """
+    about, estimate = _list_bent(result.robot), result.estimate
+    steps = {entry.name: entry for entry in estimate.parameters if entry.name in about}
+    near = (
+        abs(one.value - about[name]) <= POLICY.relevance * abs(about[name]) for name, one in steps.items()
+    )
+    if not all(near):
+        card = replace(result.library.card, searched=())
+        held = result.refit(Library(card, result.library.engine))
+        shape = {entry.name for entry in result.library.card.searched}
+        kept = (replace(one, value=about[name]) for name, one in steps.items() if name in shape)
+        refused = (one for one in estimate.refused if one[0] in shape)
+        estimate = replace(held, parameters=(*held.parameters, *kept), refused=(*held.refused, *refused))
+    estimate = _take_deviations(estimate, later)
+    return result._replace(estimate=estimate, robot=_move_friction(result.robot, estimate))
 
 
 def _take_deviations(estimate: Estimate, later: Estimate) -> Estimate:
@@ -331,17 +391,23 @@ def set_friction(robot: Robot, friction: Mapping[str, joint_models.FrictionValue
 def _move_friction(robot: Robot, estimate: Estimate) -> Robot:
     """Return the robot with the friction of an estimate; what it refuses keeps its value."""
     known = {entry.name: entry.value for entry in estimate.parameters} | dict(estimate.unresolved)
-    joints = []
+    deviations = {entry.name: entry.std for entry in estimate.parameters}
+    sure, joints = float(scipy.special.ndtri(1.0 - POLICY.alarm)), []
     for number, joint in enumerate(robot.joints, start=1):
         friction = joint.friction
         if joint.mimic is None and friction.law != joint_models.NO_FRICTION and friction.values is not None:
             law = joint_models.get_law(friction.law)
             olds = zip((*law.linear, *law.shape), (*friction.values, *friction.shape), strict=True)
             found = [float(known.get(join_name(entry.name, number), old)) for entry, old in olds]
-            # A value that the rows do not hold must stay one that a law can have.
-            shape = zip(found[len(law.linear) :], friction.shape, law.shape, strict=True)
-            moved = tuple(min(max(new, 0.2 * old, entry.lower), entry.upper) for new, old, entry in shape)
-            friction = replace(friction, values=tuple(found[: len(law.linear)]), shape=moved)
+            moved = list[float]()
+            for new, old, entry in zip(found[len(law.linear) :], friction.shape, law.shape, strict=True):
+                # Its column is straight to a factor of two; a longer step that may be chance leads nowhere.
+                near = min(max(new, 0.5 * old), 2.0 * old)
+                doubt = sure * deviations.get(join_name(entry.name, number), 0.0)
+                moved.append(old if near != new and abs(new - old) <= doubt else near)
+            limits = zip(moved, law.shape, strict=True)
+            shape = tuple(min(max(value, entry.lower), entry.upper) for value, entry in limits)
+            friction = replace(friction, values=tuple(found[: len(law.linear)]), shape=shape)
             joint = replace(joint, friction=friction)  # noqa: PLW2901
         joints.append(joint)
     return replace(robot, joints=tuple(joints))

@@ -2,7 +2,7 @@
 
 FitRecord of any kind <-> file;  a fit or its file -> FitRecord, and where it is from.
 
-Supported: format "symid fit", version 5, SI units; a number that is not finite is null. Version 1, which had
+Supported: format "symid fit", version 6, SI units; a number that is not finite is null. Version 1, which had
 a format for each kind, is still read, with defaults for fields that it did not have.
 """
 
@@ -26,9 +26,10 @@ from symid.serialization import list_unusable, read_record, write_json, write_pl
 Record = TypeVar("Record")
 StoredResult = Estimate | ElasticEstimate | FrictionIdentification
 _FORMAT = "symid fit"
-_OLDEST, _VERSION = 2, 5
+_OLDEST, _VERSION = 2, 6
 """The first version that is read, and the one that is written: 2 has no friction laws of its own, 3 no
-evidence and no deviations of springs, 4 no motion."""
+evidence and no deviations of springs, 4 no motion, 5 did not say which robot file and whether its logs were
+simulated."""
 _ABOUT = frozenset({"format", "version", "kind", "verdict"})
 """Entries of a file that are not fields of the record."""
 _KINDS: Mapping[str, type[StoredResult]] = {

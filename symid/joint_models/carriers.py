@@ -12,7 +12,7 @@ Not supported: second derivatives.
 
 import math
 import operator
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -91,6 +91,14 @@ def build_float_carrier() -> OperatorCarrier[float]:
 
 
 _FUNCTIONS = ("exp", "tanh", "sin", "cos", "sign")
+_ARRAYS: Mapping[str, Any] = {
+    "add": np.add,
+    "sub": np.subtract,
+    "mul": np.multiply,
+    "div": np.divide,
+    "scale": np.multiply,
+}
+"""Operators, called on entries of a tuple, write into a large array that nothing else holds; these do not."""
 
 
 def _read_functions(module: Any, *bounds: str) -> dict[str, Any]:  # noqa: ANN401 - numpy, sympy or casadi
@@ -103,7 +111,7 @@ def _read_functions(module: Any, *bounds: str) -> dict[str, Any]:  # noqa: ANN40
 def build_numpy_carrier() -> OperatorCarrier[FloatArray]:
     """Return the carrier of NumPy arrays, which may have any shapes that broadcast."""
     functions = _read_functions(np, "abs", "maximum", "minimum")
-    return OperatorCarrier(zero=np.zeros(()), one=np.ones(()), power=np.power, **functions)
+    return OperatorCarrier(zero=np.zeros(()), one=np.ones(()), power=np.power, **_ARRAYS, **functions)
 
 
 def build_symbol_carrier() -> OperatorCarrier[Any]:
@@ -143,6 +151,7 @@ def build_complex_carrier() -> OperatorCarrier[Any]:
         minimum=lambda x, y: np.where(np.real(x) < np.real(y), x, y),
         # The derivative by a base of 0 may be infinite (exponent below one); no torque depends on it.
         power=lambda base, exponent: np.power(np.where(np.real(base) == 0.0, _TINY**3, base), exponent),
+        **_ARRAYS,
         **_read_functions(np) | {"sign": lambda x: np.sign(np.real(x))},
     )
 

@@ -99,7 +99,7 @@ def select_law(
 
     speeds = np.abs(rows.velocity[rows.velocity != 0.0])
     wanted = [(law, shape) for law in laws for shape in rigid.list_shape_nodes(law, speeds)]
-    search = rigid.search_laws(tabulate, [wanted], [speeds], braking=False)
+    search = rigid.search_laws(tabulate, [wanted], [speeds])
     trials, fits = list(search.trials[0]), dict[int, FrictionEstimate]()
     while True:
         choice = rigid.choose_trial(trials)

@@ -122,11 +122,8 @@ def _find_braking(law: FrictionLaw) -> list[int]:
     return [place for place, entry in enumerate(law.linear) if is_braking(entry.name)]
 
 
-def _try_laws(table: JointTable, schur: FloatArray, left: FloatArray, *, braking: bool) -> list[Trial]:
-    """Return a trial of every law of a table; S and Q are sums over the other joints, in its weight.
-
-    `braking`: nodes at which friction drives the joint are taken only where there are no others.
-    """
+def _try_laws(table: JointTable, schur: FloatArray, left: FloatArray) -> list[Trial]:
+    """Return a trial of every law of a table; S and Q are sums over the other joints, in its weight."""
     p, size = table.shared, table.grams.shape[1]
     sets = _list_training(table, range(size))
     outer = sets[:, :p, :].copy()
@@ -148,7 +145,7 @@ def _try_laws(table: JointTable, schur: FloatArray, left: FloatArray, *, braking
         losses = inner[:, -1, -1][:, None] - np.sum(right * linear, axis=2)
         # Friction that drives its joint imitates something else, where shape values without it are at hand.
         drives = np.any(linear[:, :, _find_braking(nodes[0].law)] < 0.0, axis=2)
-        kept = ~drives | np.all(drives, axis=1, keepdims=True) | (not braking)
+        kept = ~drives | np.all(drives, axis=1, keepdims=True)
         best = np.argmin(np.where(kept, losses, np.inf), axis=1)
         # [-x -c 1] of each training set.
         factors = np.zeros((len(sets), size))
@@ -259,7 +256,7 @@ def _weigh(reduced: Sequence[_Reduced], weights: FloatArray) -> FloatArray:
     return 1.0 / np.maximum([u @ one.schur[-1] @ u / one.rows for one in reduced], numerics.TINY)
 
 
-def _settle_laws(tables: Sequence[JointTable], start: Sequence[Node], *, braking: bool) -> Search:
+def _settle_laws(tables: Sequence[JointTable], start: Sequence[Node]) -> Search:
     """Return the laws after the joints took turns until none changed."""
     nodes, count, reduced = list(start), len(tables), list(map(_reduce, tables, start))
     weights = np.ones(count)
@@ -272,7 +269,7 @@ def _settle_laws(tables: Sequence[JointTable], start: Sequence[Node], *, braking
         for joint, table in enumerate(tables):
             shares = np.where(np.arange(count) == joint, 0.0, weights / weights[joint])
             schur, left, _ = (np.tensordot(shares, parts, 1) for parts in zip(*reduced, strict=True))
-            trials[joint] = _try_laws(table, schur, left, braking=braking)
+            trials[joint] = _try_laws(table, schur, left)
             choices[joint] = choose_trial(trials[joint])
             nodes[joint] = trials[joint][choices[joint].taken].node
             reduced[joint] = _reduce(table, nodes[joint])
@@ -286,8 +283,6 @@ def search_laws(
     tabulate: Callable[[Sequence[Wanted], FloatArray | None], Sequence[JointTable]],
     wanted: Sequence[Wanted],
     speeds: Sequence[FloatArray],
-    *,
-    braking: bool = True,
 ) -> Search:
     """Return the laws of all joints once laws and shape values stay.
 
@@ -295,8 +290,6 @@ def search_laws(
         tabulate: returns tables of laws, with loads of the shared parameters (p,) found last, None at first.
         wanted: of each joint, laws at their first nodes.
         speeds: (N,) of each joint, rad/s or m/s; none of one whose shape values stay.
-        braking: whether shape values with which friction drives its joint give way to others. Samples of one
-            joint, without the error of a rigid model, are followed wherever they lead.
     """
     laws, shared = [PLAIN] * len(wanted), None
     for step in range(numerics.ROUNDS):
@@ -306,7 +299,7 @@ def search_laws(
             next((node for node in table.nodes if node.law.name == law), table.nodes[0])
             for table, law in zip(tables, laws, strict=True)
         ]
-        found = _settle_laws(tables, begun, braking=braking)
+        found = _settle_laws(tables, begun)
         shared = found.shared
         before, laws = laws, [node.law.name for node in found.nodes]
         if step and laws == before and all(map(_stays, found.taken, speeds)):

@@ -45,12 +45,14 @@ class TangentLaw(FrictionLaw):
 
         Phi(s + d) c = Phi(s) c + sum_j d_j (sum_k c_k dPhi_k / ds_j)
 
-    `about` are the shape values, `values` the linear ones c of the law `bent`.
+    `about` are the shape values, `values` the linear ones c of the law `bent`; `steps` the logarithms of the
+    factors that led to the former, none at first.
     """
 
     bent: FrictionLaw
     about: tuple[float, ...]
     values: tuple[float, ...]
+    steps: tuple[float, ...] = ()
 
     @classmethod
     def build(cls, law: FrictionLaw, about: Sequence[float], values: Sequence[float]) -> "TangentLaw":
@@ -68,13 +70,23 @@ class TangentLaw(FrictionLaw):
         return cls(**parts, bent=law, about=about, values=values)
 
     def move(self, found: Sequence[float], speeds: FloatArray) -> "TangentLaw":
-        """Return the law about the values (p + s,) that a fit found, no further than to the next node."""
-        count, about = len(self.values), []
-        for place, (value, step) in enumerate(zip(self.about, found[count:], strict=True)):
+        """Return the law about the values (p + s,) that a fit found.
+
+        A step leads no further than to the next node and twice as far as the last one; half as far where it
+        turns back.
+        """
+        count, about, steps = len(self.values), [], []
+        for place, (value, change) in enumerate(zip(self.about, found[count:], strict=True)):
             low, high = bound_shape(self.bent, place, speeds)
-            reach = (high / low) ** (1.0 / (_count_nodes(self.bent) - 1))
-            about.append(float(np.clip(value + step, max(low, value / reach), min(high, value * reach))))
-        return TangentLaw.build(self.bent, about, found[:count])
+            reach = math.log(high / low) / (_count_nodes(self.bent) - 1)
+            step = math.log(min(max(value + change, low), high) / value)
+            if self.steps:
+                last = self.steps[place]
+                growth = 2.0 * max(abs(last), POLICY.relevance)
+                reach = 0.5 * abs(last) if step * last < 0.0 else min(reach, growth)
+            steps.append(min(max(step, -reach), reach))
+            about.append(value * math.exp(steps[-1]))
+        return replace(TangentLaw.build(self.bent, about, found[:count]), steps=tuple(steps))
 
 
 class Node(NamedTuple):

@@ -1,6 +1,6 @@
 """Friction laws that were chosen stay only where they predict the whole robot as well as the plain law."""
 
-from dataclasses import replace
+from dataclasses import make_dataclass, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -10,7 +10,14 @@ import scipy
 import symid
 from symid.identification import rigid
 from symid.identification.estimators.estimate import LawSelection
-from symid.identification.friction_search import _give_up_worse, _Result, _take_deviations
+from symid.identification.friction_search import (
+    _give_up_worse,
+    _hold_shape,
+    _keep_slow_rows,
+    _move_friction,
+    _Result,
+    _take_deviations,
+)
 from symid.identification.rigid import PLAIN, FrictionChoice, friction_choice
 from symid.identification.rigid.friction_choice import JointLaw, Trial, choose_plainest, choose_trial
 from symid.joint_models import FrictionValues, compute_columns, get_law
@@ -44,7 +51,7 @@ def make_fit(left, calls):
         losses = make_losses(
             {name: (PLAIN_LEFT if law == PLAIN else left)[name] for name, law in laws.items()}
         )
-        return _Result(estimate=None, robot=robot, library=None, measure=lambda _: losses)
+        return _Result(estimate=None, robot=robot, library=None, refit=None, measure=lambda _: losses)
 
     return fit
 
@@ -96,7 +103,7 @@ def test_a_law_that_is_worse_in_one_part_alone_stays(robot):
     selection = LawSelection(trials=(), chosen="stribeck", verdict="It was.", blocks=10)
     joints = tuple(JointLaw(joint=name, friction=STRIBECK, selection=selection) for name in NAMES)
     made = FrictionChoice(joints=joints, beta=np.zeros(6), motion=None)
-    found = _Result(estimate=None, robot=robot, library=None, measure=lambda _: bad)
+    found = _Result(estimate=None, robot=robot, library=None, refit=None, measure=lambda _: bad)
     assert _give_up_worse(made, NAMES, None, found, plain) == (made, found)
 
 
@@ -201,3 +208,58 @@ def test_values_that_stay_get_the_deviations_of_the_columns_about_them():
     first, *rest = (new.std / old.std for new, old in zip(found.parameters, earlier.parameters, strict=True))
     # What the later fit does not have keeps its own.
     assert (first, set(rest)) == (1.0, {3.0})
+
+
+def make_parameter(name, value, std=0.01):
+    return SimpleNamespace(name=name, value=value, std=std)
+
+
+@pytest.mark.parametrize(
+    ("step", "std", "moved"),
+    [
+        (0.03, 0.02, 0.13),
+        (-0.04, 0.001, 0.06),
+        # A long step is shortened, and none where it may be chance; the speed stays positive.
+        (-0.2, 0.02, 0.05),
+        (0.9, 0.02, 0.2),
+        (-0.2, 0.1, 0.1),
+        (0.9, 1.0, 0.1),
+    ],
+)
+def test_shape_values_go_no_farther_than_their_columns_are_straight(robot, step, std, moved):
+    found = (make_parameter("Fe1", -3.0), make_parameter("vs1", 0.1 + step, std))
+    first = _move_friction(robot, SimpleNamespace(parameters=found, unresolved=())).axes[0].friction
+    assert first.shape == pytest.approx((moved,))
+    assert first.values == (1.0, 1.0, -3.0)
+
+
+def test_slow_samples_are_kept_where_the_law_that_was_found_bends(robot):
+    joints = (robot.joints[0], replace(robot.joints[1], friction=FrictionValues(law=PLAIN)))
+    robot = replace(robot, joints=joints)
+    plan = rigid.FitPlan(processing=replace(robot.processing, standstill=(0.2, 0.3)), estimator="wls")
+    kept = _keep_slow_rows(plan, robot, np.array([0.0123456, 0.01]))
+    assert kept.processing.standstill == (0.0123, 0.3)
+    assert kept.notices[-1].text.endswith("shoulder 0.0123")
+    # None is left out, or fewer.
+    assert _keep_slow_rows(plan, robot, np.array([0.4, 0.01])) == plan
+    open_plan = replace(plan, processing=replace(plan.processing, standstill=None))
+    assert _keep_slow_rows(open_plan, robot, np.array([0.01, 0.01])) == open_plan
+
+
+@pytest.mark.parametrize("step", [0.001, 0.03])
+def test_values_are_those_of_a_fit_about_the_shape_values_that_are_stated(robot, step):
+    """A straight step of a shape value together with those of its linear values is no fit of the law."""
+    plain = build_estimate(robot)
+    new = replace(plain.parameters[0], name="vs1", value=0.1 + step, std=0.05)
+    stepped = replace(plain, parameters=(*plain.parameters, new))
+    held = replace(plain, parameters=tuple(replace(one, value=5.0, std=1e-9) for one in plain.parameters))
+    card = make_dataclass("Card", ["searched"])((SimpleNamespace(name="vs1"),))
+    library = SimpleNamespace(card=card, engine=None)
+    result = _Result(stepped, robot, library, lambda _: held, None)
+    found = _hold_shape(result, stepped)
+    assert [entry.std for entry in found.estimate.parameters] == [one.std for one in stepped.parameters]
+    if step == 0.001:
+        assert found.estimate == stepped
+    else:
+        assert [entry.value for entry in found.estimate.parameters] == [*[5.0] * len(plain.parameters), 0.1]
+        assert found.robot.axes[0].friction.shape == (0.1,)

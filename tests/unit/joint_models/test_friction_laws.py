@@ -52,6 +52,19 @@ CASADI = build_carrier(
 
 
 @EVERY
+def test_many_samples_have_the_columns_of_few(law):
+    """NumPy writes results into large arrays that only a tuple holds, if an operator gets them from there."""
+    inputs, values = prepare(law)
+    _, shape = law.from_physical(values)
+    times = 1 + 40_000 // len(inputs["velocity"])
+    many = {name: np.tile(column, times) for name, column in inputs.items()}
+    for compute in (compute_columns, compute_column_derivatives):
+        few = compute(law, inputs, shape)
+        expected = np.tile(few, (times, *[1] * (few.ndim - 1)))
+        assert np.allclose(compute(law, many, shape), expected, rtol=1e-12, atol=1e-12)
+
+
+@EVERY
 def test_torque_is_the_closed_form(law):
     inputs, values = prepare(law)
     named = {p.name: value for p, value in zip(law.physical, values, strict=True)}

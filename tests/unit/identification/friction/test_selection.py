@@ -175,12 +175,10 @@ def test_laws_are_fitted_about_as_well_as_by_a_full_search(truth, physical, laws
     found, final = select_law(samples, laws)
     assert found.chosen == truth
     assert final == fit_friction(samples, get_law(truth))
-    # Steps that are linear in the shape do not settle in the kinks of a zone about standstill.
-    near = 0.05 if truth == KINKS else 0.01
     for trial in found.trials:
         full = fit_friction(samples, get_law(trial.law))
         least = 100.0 * np.sqrt(full.objective) / np.linalg.norm(samples.rows.torque)
-        assert trial.fitted_percent == pytest.approx(least, rel=near), trial.law
+        assert trial.fitted_percent == pytest.approx(least, rel=0.01), trial.law
         if trial.law == LINEAR:
             assert trial.aicc == pytest.approx(full.aicc, rel=1e-9)
 

@@ -48,7 +48,7 @@ def test_an_estimate_is_read_as_it_was_written(tmp_path, estimate):
     [
         (b"{", r"estimate.json:1:2: not JSON"),
         (b"[1]", r"estimate\.json: .* symid"),
-        (b'{"format": "symid fit", "version": 9}', "version 9 .* 2, 3, 4, 5$"),
+        (b'{"format": "symid fit", "version": 9}', "version 9 .* 2, 3, 4, 5, 6$"),
         (b'{"format": "symid estimate", "version": 9}', "version 9 .* 1$"),
         (None, r"estimate\.json: .*: No such file"),
         (b"\xff\xfe\x00", r"estimate\.json: .* text"),
@@ -83,6 +83,19 @@ def test_files_of_version_1_are_read(tmp_path, kind):
     path = write_fit(found, tmp_path / "new.json")
     assert json.loads(path.read_text())["format"] == "symid fit"
     assert write_fit(read_fit(path), tmp_path / "again.json").read_text() == path.read_text()
+
+
+def test_a_file_of_version_5_does_not_say_that_its_logs_were_simulated(tmp_path, estimate):
+    def change(data):
+        data["version"] = 5
+        del data["simulated"], data["file"]
+
+    path, text = spoil(tmp_path, replace(estimate, simulated=True), change)
+    path.write_text(text)
+    assert read_fit(path) == estimate
+    path.write_text(text.replace('"version": 5', '"version": 6'))
+    with pytest.raises(EstimateError, match="simulated is missing"):
+        read_fit(path)
 
 
 def test_all_that_is_wrong_is_said_at_once(tmp_path, estimate):
