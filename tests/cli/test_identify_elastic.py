@@ -73,6 +73,13 @@ def test_kr300_delay_offsets_and_the_one_spring_that_can_be_told(tmp_path):
 
 
 @MISSING
+def test_kr300_is_still_identified_as_rigid():
+    answer = do("identify", "kr300", KR300 / "run_a.npz")
+    assert len(answer["result"]["parameters"]) > 50
+    assert "identify.second-encoder" in find_codes(answer)
+
+
+@MISSING
 def test_check_tells_the_second_encoder():
     answer = do("check", "kr300", KR300 / "run_a.npz")
     assert answer["result"]["logs"][0]["second_encoder"] == "link"
