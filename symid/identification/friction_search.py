@@ -43,14 +43,14 @@ from symid.robot import Processing, Robot, suggest_names
 class _Result(NamedTuple):
     """A fit, the robot about whose shape values it is, and its functions.
 
-    `refit` fits functions to the same recordings; `measure` returns the losses (parts, n) of held-out
-    torque that they leave.
+    `refit` fits a robot whose shape values stay to the same recordings; `measure` returns the losses
+    (parts, n) of held-out torque that functions leave.
     """
 
     estimate: Estimate
     robot: Robot
     library: Library
-    refit: Callable[[Library], Estimate]
+    refit: Callable[[Robot], Estimate]
     measure: Callable[[Library], FloatArray]
 
 
@@ -197,8 +197,9 @@ def search_friction(
         plan = rigid.plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
         return _keep_slow_rows(plan, found, choice.motion.slowest)
 
-    def fit_once(found: Robot, loaded: Sequence[Recording], library: Library) -> Estimate:
-        plan = settle(found, loaded, library)
+    def fit_once(loaded: Sequence[Recording], held: Robot) -> Estimate:
+        library = prepare(held)
+        plan = settle(held, loaded, library)
         return rigid.identify_parameters(library, loaded, robot.processing, plan=plan, **options)
 
     def fit(found: Robot) -> _Result:
@@ -213,11 +214,11 @@ def search_friction(
             if plan is None:
                 plan = settle(found, loaded, library)
             estimate = rigid.identify_parameters(library, loaded, robot.processing, plan=plan, **options)
-            before, refit = _list_bent(found), partial(fit_once, found, loaded)
+            before, refit = _list_bent(found), partial(fit_once, loaded)
             # Where a step of shape values helps no more, others would lead away; loads settle by themselves.
             percent = estimate.mean_relative_percent
             if best is not None and before and percent > best.estimate.mean_relative_percent:
-                return _hold_shape(best, estimate)
+                return _hold_shape(best, best.robot, estimate)
             begun, found = found, _move_friction(found, estimate)
             after, deviations = _list_bent(found), {entry.name: entry.std for entry in estimate.parameters}
             # Within a deviation, or where columns that are linear about a value, times others, are exact.
@@ -230,7 +231,7 @@ def search_friction(
             measure = partial(_measure_losses, recordings=loaded, processing=plan.processing)
             best = _Result(estimate, begun, library, refit, measure)
             if not left or (still and stays):
-                return _hold_shape(best, estimate)
+                return _hold_shape(best, found, estimate)
             beta = new
 
     result = fit(found)
@@ -244,16 +245,18 @@ def search_friction(
 
 
 def _keep_slow_rows(plan: rigid.FitPlan, robot: Robot, slowest: FloatArray) -> rigid.FitPlan:
-    """Return the plan with slow rows, from speeds (n,) of the choice on, of joints whose laws bend there."""
+    """Return the plan with rows from the speeds on at which laws bend, no slower than `slowest` (n,)."""
     stated, kept = plan.processing.standstill, list[str]()
     if not isinstance(stated, tuple):
         return plan
     speeds = list(stated)
     for place, (joint, slow) in enumerate(zip(robot.axes, slowest, strict=True)):
         law = joint_models.get_friction_law(joint.friction)
-        if law and any(entry.unit == "rad/s" for entry in law.shape) and slow < speeds[place]:
-            speeds[place] = float(f"{slow:.3g}")
-            kept.append(f"{joint.name} {slow:.3g}")
+        shape = zip(joint.friction.shape, law.shape if law else (), strict=False)
+        bends = [value for value, entry in shape if entry.unit == "rad/s"]
+        if bends and max(slow, min(bends)) < speeds[place]:
+            speeds[place] = float(f"{max(slow, min(bends)):.3g}")
+            kept.append(f"{joint.name} {speeds[place]:.3g}")
     if not kept:
         return plan
     text = (
@@ -264,10 +267,10 @@ def _keep_slow_rows(plan: rigid.FitPlan, robot: Robot, slowest: FloatArray) -> r
     return replace(plan, processing=settings, notices=(*plan.notices, note))
 
 
-def _hold_shape(result: _Result, later: Estimate) -> _Result:
+def _hold_shape(result: _Result, held: Robot, later: Estimate) -> _Result:
     """Return a fit and the robot that it found, with the deviations of a `later` fit.
 
-    Shape values stay those of the columns where a step leads farther than these are straight.
+    Where a step leads farther than columns are straight, its values are those about the shape of `held`.
     """
     about, estimate = _list_bent(result.robot), result.estimate
     steps = {entry.name: entry for entry in estimate.parameters if entry.name in about}
@@ -275,14 +278,15 @@ def _hold_shape(result: _Result, later: Estimate) -> _Result:
         abs(one.value - about[name]) <= POLICY.relevance * abs(about[name]) for name, one in steps.items()
     )
     if not all(near):
-        card = replace(result.library.card, searched=())
-        held = result.refit(Library(card, result.library.engine))
+        fitted, values = result.refit(held), _list_bent(held)
         shape = {entry.name for entry in result.library.card.searched}
-        kept = (replace(one, value=about[name]) for name, one in steps.items() if name in shape)
+        kept = (replace(one, value=values[name]) for name, one in steps.items() if name in shape)
         refused = (one for one in estimate.refused if one[0] in shape)
-        estimate = replace(held, parameters=(*held.parameters, *kept), refused=(*held.refused, *refused))
+        estimate = replace(
+            fitted, parameters=(*fitted.parameters, *kept), refused=(*fitted.refused, *refused)
+        )
     estimate = _take_deviations(estimate, later)
-    return result._replace(estimate=estimate, robot=_move_friction(result.robot, estimate))
+    return result._replace(estimate=estimate, robot=_move_friction(held, estimate))
 
 
 def _take_deviations(estimate: Estimate, later: Estimate) -> Estimate:

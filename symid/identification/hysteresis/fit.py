@@ -344,12 +344,16 @@ class _ElementTrial:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Task:
-    """What models are fitted to, until squares fall by less; `timed`: the time of samples is known."""
+    """What models are fitted to; `timed`: the time of samples is known.
+
+    Searches end after so many `rounds` of every start, but for the best, or where squares fall by less.
+    """
 
     data: ElementData
     passive: bool
     timed: bool
     tolerance: float = numerics.CONVERGED
+    rounds: int = numerics.ROUNDS
 
     @property
     def part(self) -> NDArray[np.intp]:
@@ -383,7 +387,7 @@ def _compute_errors(form: ElementForm, task: _Task, shape: FloatArray) -> FloatA
 
 
 def _search(form: ElementForm, task: _Task, starts: Sequence[FloatArray]) -> FloatArray:
-    """Return the shape of least error: a few rounds from the best of several starts, the rest from one."""
+    """Return the shape of least error, from the best of several starts."""
     count = form.count_searched(starts[0])
     if not count:
         return starts[0]
@@ -402,11 +406,10 @@ def _search(form: ElementForm, task: _Task, starts: Sequence[FloatArray]) -> Flo
         )
         return float(run.cost), form.move(start, run.x)
 
-    if starts[1:]:
-        ranked = sorted(starts, key=lambda start: float(np.sum(_compute_errors(form, task, start) ** 2)))
-        runs = [search(start, numerics.ROUNDS // STARTS) for start in ranked[:STARTS]]
-        starts = [min(runs, key=lambda run: run[0])[1]]
-    return search(starts[0], numerics.ROUNDS)[1]
+    ranked = sorted(starts, key=lambda start: float(np.sum(_compute_errors(form, task, start) ** 2)))
+    runs = [search(start, task.rounds if starts[1:] else numerics.ROUNDS) for start in ranked[:STARTS]]
+    best = min(runs, key=lambda run: run[0])[1]
+    return search(best, numerics.ROUNDS)[1] if starts[1:] and task.rounds < numerics.ROUNDS else best
 
 
 def _try(form: ElementForm, task: _Task, shape: FloatArray) -> _ElementTrial:
@@ -814,7 +817,8 @@ def choose_spring(
     whole = ElementData(path=path, output=output, kept=kept)
     index, data = whole.list_thin(SAMPLES), whole.thin(SAMPLES)
     # What is taken begins where dynamics and springs are fitted together.
-    task = _Task(data=data, passive=True, timed=True, tolerance=EXACT)
+    rounds = numerics.ROUNDS // STARTS
+    task = _Task(data=data, passive=True, timed=True, tolerance=EXACT, rounds=rounds)
     loops, sided = (families.list_families(name, data.path, timed=True) for name in ("bouc-wen", "sided"))
     tried: tuple[families.ElementFamily, ...] = (
         families.Stops(count=0, name="linear"),

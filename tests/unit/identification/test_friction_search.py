@@ -1,6 +1,6 @@
 """Friction laws that were chosen stay only where they predict the whole robot as well as the plain law."""
 
-from dataclasses import make_dataclass, replace
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -233,15 +233,21 @@ def test_shape_values_go_no_farther_than_their_columns_are_straight(robot, step,
     assert first.values == (1.0, 1.0, -3.0)
 
 
-def test_slow_samples_are_kept_where_the_law_that_was_found_bends(robot):
+def test_slow_samples_are_kept_from_the_bend_of_the_law_on_that_was_found(robot):
+    """The law of the first joint bends at 0.1 rad/s, that of the second one nowhere."""
     joints = (robot.joints[0], replace(robot.joints[1], friction=FrictionValues(law=PLAIN)))
     robot = replace(robot, joints=joints)
     plan = rigid.FitPlan(processing=replace(robot.processing, standstill=(0.2, 0.3)), estimator="wls")
     kept = _keep_slow_rows(plan, robot, np.array([0.0123456, 0.01]))
-    assert kept.processing.standstill == (0.0123, 0.3)
-    assert kept.notices[-1].text.endswith("shoulder 0.0123")
+    assert kept.processing.standstill == (0.1, 0.3)
+    assert kept.notices[-1].text.endswith("shoulder 0.1")
+    # Not those that the choice of laws left out.
+    kept = _keep_slow_rows(plan, robot, np.array([0.123456, 0.01]))
+    assert kept.processing.standstill == (0.123, 0.3)
     # None is left out, or fewer.
     assert _keep_slow_rows(plan, robot, np.array([0.4, 0.01])) == plan
+    early = replace(plan, processing=replace(plan.processing, standstill=(0.05, 0.3)))
+    assert _keep_slow_rows(early, robot, np.array([0.01, 0.01])) == early
     open_plan = replace(plan, processing=replace(plan.processing, standstill=None))
     assert _keep_slow_rows(open_plan, robot, np.array([0.01, 0.01])) == open_plan
 
@@ -253,13 +259,12 @@ def test_values_are_those_of_a_fit_about_the_shape_values_that_are_stated(robot,
     new = replace(plain.parameters[0], name="vs1", value=0.1 + step, std=0.05)
     stepped = replace(plain, parameters=(*plain.parameters, new))
     held = replace(plain, parameters=tuple(replace(one, value=5.0, std=1e-9) for one in plain.parameters))
-    card = make_dataclass("Card", ["searched"])((SimpleNamespace(name="vs1"),))
-    library = SimpleNamespace(card=card, engine=None)
-    result = _Result(stepped, robot, library, lambda _: held, None)
-    found = _hold_shape(result, stepped)
+    library = SimpleNamespace(card=SimpleNamespace(searched=(SimpleNamespace(name="vs1"),)))
+    moved = _move_friction(robot, stepped)
+    found = _hold_shape(_Result(stepped, robot, library, lambda _: held, None), moved, stepped)
     assert [entry.std for entry in found.estimate.parameters] == [one.std for one in stepped.parameters]
     if step == 0.001:
         assert found.estimate == stepped
     else:
-        assert [entry.value for entry in found.estimate.parameters] == [*[5.0] * len(plain.parameters), 0.1]
-        assert found.robot.axes[0].friction.shape == (0.1,)
+        assert [entry.value for entry in found.estimate.parameters] == [*[5.0] * len(plain.parameters), 0.13]
+    assert found.robot.axes[0].friction.shape == moved.axes[0].friction.shape == pytest.approx((0.1 + step,))
