@@ -210,15 +210,16 @@ class SpringData:
         return SpringWeights(thresholds=self.thresholds, stiffness=stiffness, knees=none, slopes=none)
 
 
-def filter_smooth(values: FloatArray, rate: float, period: float) -> FloatArray:
-    """Return F[values] (N, ...) of a signal that is a straight line between samples, from rest.
+def filter_smooth(values: FloatArray, rate: float, period: float, *, held: bool = False) -> FloatArray:
+    """Return F[values] (N, ...), from rest, of a signal that is a straight line between samples, or `held`.
 
-    y_k = a y_k-1 + g x_k + (1 - a - g) x_k-1, g = 1 - (1 - a) / (rate period), a = exp(-rate period).
+    y_k = a y_k-1 + g x_k + (1 - a - g) x_k-1, g = 1 - (1 - a) / (rate period), 0 if x_k holds until t_k+1;
+    a = exp(-rate period); rate in rad/s, period in s.
     """
-    if np.isinf(rate):
+    if np.isinf(rate) and not held:
         return values
     decay = np.exp(-rate * period)
-    ahead = 1.0 - (1.0 - decay) / (rate * period)
+    ahead = 0.0 if held else 1.0 - (1.0 - decay) / (rate * period)
     steps = ahead * values[1:] + (1.0 - decay - ahead) * values[:-1]
     return accumulate(np.concatenate([np.zeros_like(values[:1]), steps]), float(decay))
 

@@ -33,6 +33,7 @@ power and energy rows, whose covariance needs every row.
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -340,7 +341,7 @@ def prepare_states(library: Library, recording: Recording, processing: Processin
     the robot, an IdentifiabilityError that no joint moves.
     """
     resting = _check_motion(library, recording)
-    return _settle_states(library, recording, logs.prepare_signals(recording, processing), resting)
+    return _settle_states(library, recording, resting, logs.prepare_signals(recording, processing))
 
 
 def _check_motion(library: Library, recording: Recording) -> tuple[int, ...]:
@@ -360,8 +361,8 @@ def _check_motion(library: Library, recording: Recording) -> tuple[int, ...]:
 def _settle_states(
     library: Library,
     recording: Recording,
-    signals: Signals,
     resting: tuple[int, ...],
+    signals: Signals,
     places: Sequence[float] | None = None,
 ) -> Signals:
     """Return the signals with joints at rest, at `places` in rad or m, and torques without known payloads."""
@@ -484,11 +485,7 @@ BLOCKS = POLICY.folds * POLICY.parts
 def follow_states(library: Library, recording: Recording, processing: Processing) -> SignalParts:
     """Return the states and torques of `prepare_states` part by part; errors are the same."""
     resting = _check_motion(library, recording)
-
-    def settle(signals: Signals, places: Sequence[float]) -> Signals:
-        return _settle_states(library, recording, signals, resting, places)
-
-    return SignalParts(recording, processing, resting, settle)
+    return SignalParts(recording, processing, resting, partial(_settle_states, library, recording, resting))
 
 
 class RowBuilder(NamedTuple):
