@@ -480,8 +480,14 @@ def _list_simpler(data: SpringData, target: FloatArray, weights: SpringWeights) 
     if 0 < above < knees:
         # Without the innermost knees of both sides: the slope beyond them is then the one at zero, and scales
         # all weights. Left out one by one, the other would stand in the way.
-        price = cost(slopes[0], slopes[above], level=1.0)
-        options.append((price, partial(_leave_pair, weights)))
+        pair, slope = (0, above), float(weights.slopes[0] + weights.slopes[above]) / 2.0
+        lean = SpringWeights(
+            thresholds=weights.thresholds,
+            stiffness=weights.stiffness * slope,
+            knees=np.delete(weights.knees, pair) * slope,
+            slopes=np.delete(weights.slopes, pair) / slope,
+        )
+        options.append((cost(slopes[0], slopes[above], level=1.0), lambda: lean))
     options.sort(key=lambda option: option[0])
     return [build() for _, build in options[:STARTS]]
 
@@ -498,18 +504,6 @@ def _leave_stop(data: SpringData, target: FloatArray, weights: SpringWeights, pl
     thresholds[place - 1] = float(pair @ ends / max(np.sum(pair), numerics.TINY))
     merged = replace(weights, thresholds=thresholds, stiffness=stiffness)
     return min(plain, merged, key=lambda spring: data.compute_cost(target, spring))
-
-
-def _leave_pair(weights: SpringWeights) -> SpringWeights:
-    """Return a spring without its innermost knees, whose slope beyond them is that at zero."""
-    knees, above = weights.knees, weights.below
-    slope = float(weights.slopes[0] + weights.slopes[above]) / 2.0
-    return SpringWeights(
-        thresholds=weights.thresholds,
-        stiffness=weights.stiffness * slope,
-        knees=np.delete(knees, (0, above)) * slope,
-        slopes=np.delete(weights.slopes, (0, above)) / slope,
-    )
 
 
 STEP = 1e-4
