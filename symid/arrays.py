@@ -64,6 +64,12 @@ def accumulate(steps: FloatArray, keep: float, length: int = 32) -> FloatArray:
     return own.reshape(size, -1)[:, :count].T.reshape(steps.shape)
 
 
+def find_runs(mask: NDArray[np.bool_], least: int = 1) -> NDArray[np.intp]:
+    """Return the runs (k, 2) of at least so many samples of a mask (N,): their first ones, those behind."""
+    edges = np.flatnonzero(np.diff(np.pad(mask, 1))).reshape(-1, 2)
+    return np.asarray(edges[edges[:, 1] - edges[:, 0] >= least])
+
+
 class FrozenArrays:
     """Base of dataclasses: their fields of the type FloatArray are kept as read-only copies."""
 

@@ -39,7 +39,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray
+from symid.arrays import FloatArray, find_runs
 from symid.errors import Notice
 from symid.logs.recording import Recording
 from symid.logs.sampling import Resampling, mask_onward, plan_resampling, resample_recording
@@ -419,7 +419,7 @@ def _mask_stuck(values: FloatArray, torque: FloatArray, known: Mask, curvature: 
     moves = np.pad(np.diff(values), 2)
     # Of the last sample, too, if it is alone.
     alone = np.full((int(moves[-3] != 0.0), 2), count - 1)
-    starts, ends = np.vstack([_find_runs(moves[2:-2] == 0.0), alone]).T
+    starts, ends = np.vstack([find_runs(moves[2:-2] == 0.0), alone]).T
     # Steps into and out of each run of equal values, and those beside them.
     places = np.stack([starts, starts + 1, ends + 2, np.minimum(ends + 3, count + 2)])
     before, into, out, after = moves[places]
@@ -440,12 +440,8 @@ def _mask_stuck(values: FloatArray, torque: FloatArray, known: Mask, curvature: 
 
 def _mask_jumps(values: FloatArray, known: Mask, ordinary: float) -> Mask:
     """Return so many samples (N,) about each jump that it is bridged by what curvature is ordinary."""
-    found, steps = np.zeros(len(values), dtype=np.bool_), np.diff(values)
-
-    def look(places: Places) -> Mask:
-        return known[places] | known[places + 1]
-
-    places, sizes, usual = _stand_out(steps, 1, look, _measure_curvature(steps))
+    found, steps, near = np.zeros(len(values), dtype=np.bool_), np.diff(values), known[:-1] | known[1:]
+    places, sizes, usual = _stand_out(steps, 1, near.__getitem__, _measure_curvature(steps))
     large = sizes > LEVELS.level * np.maximum(usual, ordinary)
     for place, size in zip(places[large].tolist(), sizes[large].tolist(), strict=True):
         # A cubic at rest at both ends curves by six times its height over the square of its length.
@@ -459,7 +455,7 @@ def _mask_clipped(torque: FloatArray, position: FloatArray) -> Mask:
     found = np.zeros(len(torque), dtype=np.bool_)
     for values in (torque, -torque):
         top, highest = values == np.max(values), np.max(values)
-        first, last = _find_runs(top, LEVELS.longest).T
+        first, last = find_runs(top, LEVELS.longest).T
         if not len(first) or top.all():
             continue
         moved = np.abs(position[last - 1] - position[first])
@@ -478,18 +474,12 @@ def _mask_clipped(torque: FloatArray, position: FloatArray) -> Mask:
     return found
 
 
-def _find_runs(mask: Mask, least: int = 1) -> Places:
-    """Return the runs (k, 2) of at least so many samples of a mask (N,): their first ones, those behind."""
-    edges = np.flatnonzero(np.diff(np.pad(mask, 1))).reshape(-1, 2)
-    return np.asarray(edges[edges[:, 1] - edges[:, 0] >= least])
-
-
 def _bridge(values: FloatArray, bad: Mask) -> FloatArray:
     """Return values (N,) with cubics that continue both sides for bad ones; at an end they come to rest."""
     found, count = values.copy(), len(values)
     # One sample alone has no slope.
     bad = bad | (np.append(bad[1:], False) & np.append(False, bad[:-1]))
-    for first, last in _find_runs(bad).tolist():
+    for first, last in find_runs(bad).tolist():
         if last - first == count:
             break
         length = last - first + 1

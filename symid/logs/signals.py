@@ -17,7 +17,6 @@ import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 import scipy
@@ -25,7 +24,7 @@ from numpy.typing import NDArray
 
 from symid.arrays import FloatArray, freeze
 from symid.errors import LogError, Notice
-from symid.logs.recording import Recording, Signals
+from symid.logs.recording import Recording, Signals, change_channels
 from symid.robot import Decimation, Processing
 
 LongArray = NDArray[np.longdouble]
@@ -461,11 +460,9 @@ def prepare_signals(recording: Recording, processing: Processing) -> Signals:
 
 def check_signals(recording: Recording, processing: Processing) -> None:
     """Raise a LogError if a log is too short for the settings, or its times are uneven."""
-    least = compute_least_samples(processing)
-    if len(recording.time) < least:
+    if len(recording.time) < compute_least_samples(processing):
         raise LogError(describe_too_short(len(recording.time), processing, file=recording.source))
-    uneven = describe_uneven(recording.time, file=recording.source)
-    if uneven is not None:
+    if (uneven := describe_uneven(recording.time, file=recording.source)) is not None:
         raise LogError(uneven)
 
 
@@ -592,7 +589,9 @@ class SignalParts:
         """Take what is of the whole log; a LogError as of `prepare_signals`."""
         check_signals(recording, processing)
         kept = slice(processing.drop_first, len(recording.time) - processing.drop_last)
-        self._recording, self._processing, self.period = recording, processing, recording.period
+        # Bad samples are those of the whole log.
+        self._recording, self._processing = replace(recording, bad=None), processing
+        self.period = recording.period
         self.time, self.bad = recording.time[kept], None if recording.bad is None else recording.bad[kept]
         if processing.states == "position" or recording.velocity is None:
             steps = (np.abs(values[2:] - values[:-2]) for values in recording.position.T)
@@ -619,10 +618,7 @@ class SignalParts:
             first, stop = (settings.drop_first + end for end in (part.start, part.stop))
             wide = slice(max(0, first - self._margin), min(len(self._recording.time), stop + self._margin))
             settings = replace(settings, drop_first=first - wide.start, drop_last=wide.stop - stop)
-            names = ("time", "position", "torque", *_USED)
-            given = {name: getattr(self._recording, name) for name in names}
-            cut: dict[str, Any] = {name: part[wide] for name, part in given.items() if part is not None}
-            own = Recording(**cut, source=self._recording.source)
+            own = change_channels(self._recording, lambda values: values[wide])
             found = _derive_signals(own, settings, self.period, self._fastest)
             found = found if self._settle is None else self._settle(found, self._places)
             last = self._last = part.start, found
@@ -635,10 +631,6 @@ class SignalParts:
         starts = range(0, count, _BLOCK)
         parts = (self.cut(slice(start, min(count, start + _BLOCK))).ddq for start in starts)
         return np.asarray(sum(np.sum(part**2, axis=0) for part in parts) / count)
-
-
-_USED = ("velocity", "acceleration", "load", "temperature")
-"""Channels of states beside positions."""
 
 
 def compute_least_samples(processing: Processing) -> int:

@@ -12,7 +12,6 @@ from symid.identification.elastic.regression import (
     ElasticSignals,
     build_energy_windows,
     build_filtered_rows,
-    filter_held,
     prepare_elastic_signals,
 )
 from symid.identification.hysteresis import filter_smooth
@@ -69,7 +68,7 @@ def test_filters_are_exact_for_the_signals_that_they_assume(rate):
     time = np.arange(200) * period
     ramp = filter_smooth(time[:, None], rate, period)[:, 0]
     assert np.allclose(ramp, time - (1.0 - np.exp(-rate * time)) / rate, atol=1e-12)
-    step = filter_held(np.ones((200, 1)), rate, period)[:, 0]
+    step = filter_smooth(np.ones((200, 1)), rate, period, held=True)[:, 0]
     assert np.allclose(step, 1.0 - np.exp(-rate * time), atol=1e-12)
 
 

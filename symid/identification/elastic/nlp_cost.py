@@ -31,6 +31,7 @@ base parameters; starts outside the bounds; uncertainty of how many stops and kn
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -250,12 +251,9 @@ def build_nlp_recording(
         rows, rate = problem.filtered[index], problem.options.filter_rate
         keep = rows.keep
         passed = build_filter_sums(keep, len(signals.time) - 1, float(np.exp(-rate * signals.period)))
-
-        def pass_basis(_: FloatArray, basis: FloatArray) -> FloatArray:
-            return filter_smooth(basis, rate, signals.period)[keep]
-
+        smooth = partial(filter_smooth, rate=rate, period=signals.period)
         filtered = rows.design, rows.torque, rows.drag
-        blocks += _join_blocks(problem, bases, filtered, pass_basis, passed)
+        blocks += _join_blocks(problem, bases, filtered, lambda _, basis: smooth(basis)[keep], passed)
     if "momentum" in kinds:
         sums = build_window_sums(ends, np.full(len(signals.time) - 1, signals.period))
 

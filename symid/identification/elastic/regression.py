@@ -28,7 +28,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays, accumulate, compute_triangle, freeze
+from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
 from symid.codegen import Library, ModelCard, ParameterCard, run_compiled_branch
 from symid.errors import LogError, Notice, UsageError
 from symid.identification.elastic.options import RATE, ElasticOptions, check_grids
@@ -456,17 +456,8 @@ class FilteredRows(FrozenArrays):
         return filter_smooth(torque, rate, signals.period)[self.keep]
 
 
-def filter_held(values: FloatArray, rate: float, period: float) -> FloatArray:
-    """Return F[values] (N, ...) of a signal that values[k] holds over [t_k, t_k+1], from rest.
-
-    y_k = a y_k-1 + (1 - a) x_k-1, a = exp(-rate period); rate in rad/s, period in s.
-    """
-    decay = np.exp(-rate * period)
-    return accumulate((1.0 - decay) * np.concatenate([np.zeros_like(values[:1]), values[:-1]]), decay)
-
-
 def filter_derivative(values: FloatArray, rate: float, period: float) -> FloatArray:
-    """Return F[d values / dt] (N, ...) of a signal as above: rate (x~ - F[x~]), x~ = x - x(0)."""
+    """Return F[d values / dt] (N, ...), straight lines between samples: rate (x~ - F[x~]), x~ = x - x(0)."""
     moved = values - values[0]
     result: FloatArray = rate * (moved - filter_smooth(moved, rate, period))
     return result
@@ -476,12 +467,11 @@ def build_filtered_rows(library: Library, signals: ElasticSignals, rate: float) 
     """Return the filtered equations of one recording; rate is lambda in rad/s."""
     period = signals.period
     keep = slice(signals.settled, None, max(1, int(1.0 / (ROWS * rate * period) + 1e-9)))
-    pass_torque = filter_held if signals.hold == "zero" else filter_smooth
     smooth = partial(filter_smooth, rate=rate, period=period)
     slope = partial(filter_derivative, rate=rate, period=period)
     return FilteredRows(
         design=build_equations(library, signals, slope, smooth, keep),
-        torque=pass_torque(signals.tau, rate, period)[keep],
+        torque=smooth(signals.tau, held=signals.hold == "zero")[keep],
         drag=smooth(signals.link_drag)[keep],
         keep=keep,
         bases=len(library.card.beta),

@@ -18,7 +18,7 @@ from typing import Any, ClassVar, final
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays
+from symid.arrays import FloatArray, FrozenArrays, find_runs
 from symid.codegen import ModelCard, ParameterCard
 from symid.errors import EstimateError, Notice, UsageError
 from symid.identification.judge import POLICY
@@ -45,11 +45,8 @@ def find_phases(time: FloatArray, velocity: FloatArray, run: NDArray[np.intp]) -
         span = max(3, round(_SPAN / float(np.median(steps)))) if len(steps) else 3
         wide = np.pad(velocity[own], (span // 2, (span - 1) // 2), mode="edge")
         average = np.convolve(wide, np.full(span, 1.0 / span), mode="valid")
-        standing = np.abs(average) <= _STANDING * top
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], standing, [False]])))
-        for first, last in edges.reshape(-1, 2):
-            if last - first >= span:
-                phases[own[first:last]] = 2
+        for first, last in find_runs(np.abs(average) <= _STANDING * top, span):
+            phases[own[first:last]] = 2
     return phases
 
 

@@ -114,8 +114,8 @@ class Column(NamedTuple):
 
 def _condense(columns: Sequence[FloatArray]) -> FloatArray:
     """Return the triangle (p, p) of columns (N,), which has their lengths and angles."""
-    starts = range(0, len(columns[0]), regression.BLOCK)
-    blocks = (np.column_stack([one[start : start + regression.BLOCK] for one in columns]) for start in starts)
+    starts = range(0, len(columns[0]), numerics.BLOCK)
+    blocks = (np.column_stack([one[start : start + numerics.BLOCK] for one in columns]) for start in starts)
     return regression.extend_triangle(np.zeros((0, len(columns))), blocks)
 
 

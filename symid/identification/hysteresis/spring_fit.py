@@ -210,15 +210,16 @@ class SpringData:
         return SpringWeights(thresholds=self.thresholds, stiffness=stiffness, knees=none, slopes=none)
 
 
-def filter_smooth(values: FloatArray, rate: float, period: float) -> FloatArray:
-    """Return F[values] (N, ...) of a signal that is a straight line between samples, from rest.
+def filter_smooth(values: FloatArray, rate: float, period: float, *, held: bool = False) -> FloatArray:
+    """Return F[values] (N, ...), from rest, of a signal that is a straight line between samples, or `held`.
 
-    y_k = a y_k-1 + g x_k + (1 - a - g) x_k-1, g = 1 - (1 - a) / (rate period), a = exp(-rate period).
+    y_k = a y_k-1 + g x_k + (1 - a - g) x_k-1, g = 1 - (1 - a) / (rate period), 0 if x_k holds until t_k+1;
+    a = exp(-rate period); rate in rad/s, period in s.
     """
-    if np.isinf(rate):
+    if np.isinf(rate) and not held:
         return values
     decay = np.exp(-rate * period)
-    ahead = 1.0 - (1.0 - decay) / (rate * period)
+    ahead = 0.0 if held else 1.0 - (1.0 - decay) / (rate * period)
     steps = ahead * values[1:] + (1.0 - decay - ahead) * values[:-1]
     return accumulate(np.concatenate([np.zeros_like(values[:1]), steps]), float(decay))
 
@@ -479,8 +480,14 @@ def _list_simpler(data: SpringData, target: FloatArray, weights: SpringWeights) 
     if 0 < above < knees:
         # Without the innermost knees of both sides: the slope beyond them is then the one at zero, and scales
         # all weights. Left out one by one, the other would stand in the way.
-        price = cost(slopes[0], slopes[above], level=1.0)
-        options.append((price, partial(_leave_pair, weights)))
+        pair, slope = (0, above), float(weights.slopes[0] + weights.slopes[above]) / 2.0
+        lean = SpringWeights(
+            thresholds=weights.thresholds,
+            stiffness=weights.stiffness * slope,
+            knees=np.delete(weights.knees, pair) * slope,
+            slopes=np.delete(weights.slopes, pair) / slope,
+        )
+        options.append((cost(slopes[0], slopes[above], level=1.0), lambda: lean))
     options.sort(key=lambda option: option[0])
     return [build() for _, build in options[:STARTS]]
 
@@ -497,18 +504,6 @@ def _leave_stop(data: SpringData, target: FloatArray, weights: SpringWeights, pl
     thresholds[place - 1] = float(pair @ ends / max(np.sum(pair), numerics.TINY))
     merged = replace(weights, thresholds=thresholds, stiffness=stiffness)
     return min(plain, merged, key=lambda spring: data.compute_cost(target, spring))
-
-
-def _leave_pair(weights: SpringWeights) -> SpringWeights:
-    """Return a spring without its innermost knees, whose slope beyond them is that at zero."""
-    knees, above = weights.knees, weights.below
-    slope = float(weights.slopes[0] + weights.slopes[above]) / 2.0
-    return SpringWeights(
-        thresholds=weights.thresholds,
-        stiffness=weights.stiffness * slope,
-        knees=np.delete(knees, (0, above)) * slope,
-        slopes=np.delete(weights.slopes, (0, above)) / slope,
-    )
 
 
 STEP = 1e-4

@@ -36,7 +36,6 @@ if TYPE_CHECKING:
         warn_of_energy as warn_of_energy,
     )
     from symid.identification.regression.identifiability import (
-        BLOCK as BLOCK,
         JOINT_AT_REST as JOINT_AT_REST,
         WHOLE_MODEL as WHOLE_MODEL,
         Condensed as Condensed,

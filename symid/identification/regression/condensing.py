@@ -29,7 +29,7 @@ from itertools import combinations, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, FrozenArrays
+from symid.arrays import FloatArray, FrozenArrays, find_runs
 from symid.codegen import Library
 from symid.identification.judge import POLICY, numerics
 from symid.identification.regression.equations import evaluate_columns
@@ -147,8 +147,7 @@ def mask_rest(speed: FloatArray, top: float, length: int) -> NDArray[np.bool_]:
     Dry friction holds any torque there, and a law of friction has nothing to say.
     """
     slow = np.abs(speed) <= POLICY.relevance * top
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], slow, [False]])))
-    for first, last in edges.reshape(-1, 2):
+    for first, last in find_runs(slow):
         if last - first < length:
             slow[first:last] = False
     return slow

@@ -129,8 +129,7 @@ def outline_part(
 
         count, factor = len(signals.time), processing.decimation.factor
         blocks = logs.decimate_blocks(evaluate, count, processing.decimation)
-        both = np.concatenate([rows for _, rows in blocks])
-        values, velocity = np.split(both, 2, axis=1)
+        values, velocity = np.split(np.concatenate([rows for _, rows in blocks]), 2, axis=1)
         return EquationPart(
             matrix=np.empty((*values.shape, 0)),
             values=values,

@@ -28,8 +28,6 @@ from symid.identification.judge import numerics
 from symid.identification.regression.equations import Rows
 from symid.logs import Recording, Signals
 
-BLOCK = numerics.BLOCK
-"""Rows that are factorised at once."""
 _KNOWN: WeakKeyDictionary[Rows, "Condensed"] = WeakKeyDictionary()
 
 
@@ -101,7 +99,7 @@ def condense_weighted(rows: Rows, weight: FloatArray, *before: FloatArray) -> Co
         together = len(places) and places[-1] - places[0] + 1 == len(places)
         members = slice(int(places[0]), int(places[-1]) + 1) if together else places
         own, scales = [part[members] for part in (*before, rows.matrix, rows.values)], root[members]
-        parts = (slice(start, start + BLOCK) for start in range(0, len(scales), BLOCK))
+        parts = (slice(start, start + numerics.BLOCK) for start in range(0, len(scales), numerics.BLOCK))
         blocks = (np.column_stack([entry[part] for entry in own]) * scales[part] for part in parts)
         factors[index] = extend_triangle(factors[index], blocks)
     return Condensed(factors=freeze(factors), counts=counts, independent=rows.independent)

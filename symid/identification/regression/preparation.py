@@ -33,6 +33,7 @@ power and energy rows, whose covariance needs every row.
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
@@ -46,7 +47,6 @@ from symid.errors import IdentifiabilityError, LogError, Notice
 from symid.identification.judge import POLICY, Agreement, agree_in_value, compute_changes, numerics
 from symid.identification.regression import equations
 from symid.identification.regression.identifiability import (
-    BLOCK,
     JOINT_AT_REST,
     Condensed,
     extend_triangle,
@@ -341,7 +341,7 @@ def prepare_states(library: Library, recording: Recording, processing: Processin
     the robot, an IdentifiabilityError that no joint moves.
     """
     resting = _check_motion(library, recording)
-    return _settle_states(library, recording, logs.prepare_signals(recording, processing), resting)
+    return _settle_states(library, recording, resting, logs.prepare_signals(recording, processing))
 
 
 def _check_motion(library: Library, recording: Recording) -> tuple[int, ...]:
@@ -361,8 +361,8 @@ def _check_motion(library: Library, recording: Recording) -> tuple[int, ...]:
 def _settle_states(
     library: Library,
     recording: Recording,
-    signals: Signals,
     resting: tuple[int, ...],
+    signals: Signals,
     places: Sequence[float] | None = None,
 ) -> Signals:
     """Return the signals with joints at rest, at `places` in rad or m, and torques without known payloads."""
@@ -400,7 +400,7 @@ def mask_fast(
     """
     if rows.kind in equations.SCALAR_KINDS or not processing.standstill:
         return np.ones(len(speed), dtype=np.bool_), ()
-    limits = _list_limits(processing, len(rows.group_names))
+    limits = np.array(list(map(processing.get_standstill, range(len(rows.group_names)))))
     slow = np.abs(speed) < limits[rows.group]
     beside = ""
     if margin:
@@ -420,10 +420,6 @@ def mask_fast(
                 reach *= 0.5
     lost, whole = np.bincount(rows.group[slow]), np.bincount(rows.group)
     return ~slow, _describe_slow(rows.group_names, lost, whole, limits, beside, file)
-
-
-def _list_limits(processing: Processing, joints: int) -> FloatArray:
-    return np.array([processing.get_standstill(joint) for joint in range(joints)])
 
 
 def _describe_slow(  # noqa: PLR0917 - parts of a sentence
@@ -489,11 +485,7 @@ BLOCKS = POLICY.folds * POLICY.parts
 def follow_states(library: Library, recording: Recording, processing: Processing) -> SignalParts:
     """Return the states and torques of `prepare_states` part by part; errors are the same."""
     resting = _check_motion(library, recording)
-
-    def settle(signals: Signals, places: Sequence[float]) -> Signals:
-        return _settle_states(library, recording, signals, resting, places)
-
-    return SignalParts(recording, processing, resting, settle)
+    return SignalParts(recording, processing, resting, partial(_settle_states, library, recording, resting))
 
 
 class RowBuilder(NamedTuple):
@@ -591,8 +583,7 @@ class LongRows:
         size = self.triangles.shape[1]
         roots = np.sqrt(self.weight[inside]) if weighed else np.ones(int(inside.sum()))
         stacked = (self.triangles[inside] * roots[:, None, None]).reshape(-1, size)
-        blocks = (stacked[start : start + BLOCK] for start in range(0, len(stacked), BLOCK))
-        return extend_triangle(np.zeros((0, size)), blocks)
+        return _add_rows(np.zeros((size, size)), stacked)
 
 
 def condense_recordings(
@@ -602,7 +593,8 @@ def condense_recordings(
     states = list(map(maker.follow, recordings))
     parts, every, notices = zip(*map(maker.outline, recordings, states), strict=True)
     card, size = maker.library.card, len(maker.library.card.fitted) + 1
-    limits, joints = _list_limits(maker.processing, card.size), range(card.size)
+    joints = range(card.size)
+    limits = np.array(list(map(maker.processing.get_standstill, joints)))
     kept = [own & (np.abs(part.velocity) >= limits) for own, part in zip(every, parts, strict=True)]
     # Rows of each joint in each run; where its segments begin, which are of one block and one run.
     sizes = np.array([own.sum(axis=0) for own in kept])
@@ -650,5 +642,5 @@ def _find_owners(begins: NDArray[np.intp], places: NDArray[np.intp]) -> NDArray[
 
 
 def _add_rows(triangle: FloatArray, table: FloatArray) -> FloatArray:
-    blocks = (table[start : start + BLOCK] for start in range(0, len(table), BLOCK))
+    blocks = (table[at : at + numerics.BLOCK] for at in range(0, len(table), numerics.BLOCK))
     return extend_triangle(triangle, blocks) if len(table) else triangle

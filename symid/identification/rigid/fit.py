@@ -228,8 +228,7 @@ def fit_in_memory(
         if plan.study is not None:
             variances = np.diag(covariance)
             wider = np.maximum(variances, judge.compute_variance(plan.study.fit.changes))
-            factor = np.divide(wider, variances, out=np.ones_like(wider), where=variances > 0.0)
-            factor = np.sqrt(factor)
+            factor = np.sqrt(np.divide(wider, variances, out=np.ones_like(wider), where=variances > 0.0))
             covariance = np.asarray(covariance * factor * factor[:, None])
         fit = replace(fit, covariance=covariance)
     else:

@@ -17,7 +17,7 @@ from symid.identification.elastic.nlp_cost import (
     build_window_sums,
 )
 from symid.identification.elastic.options import NlpOptions
-from symid.identification.elastic.regression import filter_held
+from symid.identification.hysteresis import filter_smooth
 from symid.joint_models.hysteresis import Elasticity
 from symid.joint_models.prandtl_ishlinskii import compute_stop_basis
 
@@ -71,7 +71,7 @@ def test_the_filter_is_that_of_held_signals_and_spreads_as_its_adjoint():
     rng, kept = np.random.default_rng(0), slice(130, None, 7)
     steps = rng.normal(size=(COUNT, 3))
     sums = build_filter_sums(kept, COUNT, float(np.exp(-RATE * PERIOD)))
-    whole = filter_held(np.vstack([steps, steps[-1:]]), RATE, PERIOD)
+    whole = filter_smooth(np.vstack([steps, steps[-1:]]), RATE, PERIOD, held=True)
     np.testing.assert_allclose(sums.add(steps), whole[kept], rtol=1e-12, atol=1e-14)
     check_adjoint(sums, rng)
 
