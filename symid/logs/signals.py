@@ -216,8 +216,8 @@ class _FilterBlocks:
 
     y, which no one needs at full rate, is eliminated: a block costs a product with a matrix of L times
     2 n + G numbers, whatever the number of samples is. The states are coordinates, orthonormal over time, of
-    what the past adds to the output, so that rounding does not grow. All columns take the same operations: a
-    column does not depend on its neighbours.
+    what the past adds to the output, so that rounding does not grow. A column
+    depends on its neighbours by rounding alone.
 
     Args:
         pad: samples by which the ends are continued by reflection.

@@ -344,11 +344,11 @@ def test_columns_and_rows_of_a_part_are_those_that_pass_the_operator_of_the_whol
         for scale in (0.2, 0.5, 0.2):
             shape = [scale] * len(law.shape)
             passed = samples.pass_columns(compute_columns(law, samples.inputs, shape))
-            np.testing.assert_array_equal(samples.pass_law(law, shape), passed)
-            np.testing.assert_array_equal(part.pass_law(law, shape), passed[kept][then])
+            np.testing.assert_allclose(samples.pass_law(law, shape), passed, 1e-13, 1e-14)
+            np.testing.assert_allclose(part.pass_law(law, shape), passed[kept][then], 1e-13, 1e-14)
     whole, rows = samples.rows, part.rows
-    np.testing.assert_array_equal(whole.torque, samples.pass_columns(samples.torque[:, None])[:, 0])
-    np.testing.assert_array_equal(rows.extra, samples.pass_columns(samples.extra)[kept][then])
+    np.testing.assert_allclose(whole.torque, samples.pass_columns(samples.torque[:, None])[:, 0], 1e-13)
+    np.testing.assert_allclose(rows.extra, samples.pass_columns(samples.extra)[kept][then], 1e-13, 1e-14)
     assert set(rows.run.tolist()) == {0, 1}
     with pytest.raises(ValueError, match="read-only"):
         whole.torque[0] = 1.0
