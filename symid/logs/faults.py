@@ -151,7 +151,7 @@ def mask_repeats(channels: Sequence[FloatArray], position: FloatArray) -> Mask:
     that stop, turn, or are slower than their encoder explain that rows are equal; not where others repeat as
     often.
     """
-    same = np.append(False, np.ones(len(position) - 1, dtype=np.bool_))
+    same = np.arange(len(position)) > 0
     for values in (column for channel in channels for column in channel.T):
         same[1:] &= values[1:] == values[:-1]
         if not same.any():

@@ -11,6 +11,7 @@ import pytest
 
 import symid
 from symid.environment import locate_resource_folder
+from symid.errors import InputError
 from symid.lessons import get_book
 from symid.lessons.chapters import list_items
 from symid.lessons.dynamic_chapters import build_lesson
@@ -130,7 +131,12 @@ def test_answers_typed_as_shown_are_right_and_near_ones_wrong(name, notation):
                     cases.append((typed, item.code, True))
             for typed in list_wrong(item.text, known):
                 if len(typed) <= load_spelling()["longest"]:
-                    assert not comparison.compare(typed, item.code)[0], (item.name, typed)
+                    try:
+                        assert not comparison.compare(typed, item.code)[0], (item.name, typed)
+                    except InputError as error:
+                        # The displacement of a prismatic joint has no sine.
+                        assert re.search("angle", str(error)), typed
+                        continue
                     cases.append((typed, item.code, False))
                     count += 1
         assert count
