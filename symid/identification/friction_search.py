@@ -245,11 +245,14 @@ def search_friction(
 
 
 def _keep_slow_rows(plan: rigid.FitPlan, robot: Robot, slowest: FloatArray) -> rigid.FitPlan:
-    """Return the plan with rows from the speeds on at which laws bend, no slower than `slowest` (n,)."""
-    stated, kept = plan.processing.standstill, list[str]()
-    if not isinstance(stated, tuple):
+    """Return the plan with rows from the speeds on at which laws bend, no slower than `slowest` (n,).
+
+    Speeds that are stated stay.
+    """
+    chosen, kept = plan.processing.standstill, list[str]()
+    if not isinstance(chosen, tuple) or "standstill" not in robot.processing.left_open:
         return plan
-    speeds = list(stated)
+    speeds = list(chosen)
     for place, (joint, slow) in enumerate(zip(robot.axes, slowest, strict=True)):
         law = joint_models.get_friction_law(joint.friction)
         shape = zip(joint.friction.shape, law.shape if law else (), strict=False)

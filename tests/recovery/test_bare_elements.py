@@ -201,7 +201,7 @@ def test_fit_and_validation_print_the_same_error_of_the_same_recording():
         assert fit.record.fitted < fit.record.held_out < 2.0 * fit.record.fitted
 
 
-UNITS = {"rad": (1.0, 1.0), "degrees, kN m": (180.0 / np.pi, 1e-3), "um, mN": (1e6, 1e3)}
+UNITS = {"rad": (1.0, 1.0), "mrad": (1e3, 1.0), "degrees, kN m": (180.0 / np.pi, 1e-3), "um, mN": (1e6, 1e3)}
 
 
 @pytest.mark.long

@@ -163,7 +163,7 @@ def test_the_deviations_of_the_one_shot_problem_are_those_of_repeated_runs(arm, 
     truth = find_truth(arm[1])
     known = np.abs(truth) > 1e-9
     scores = []
-    for seed in range(2):
+    for seed in range(4):
         sensors = build_noisy_options().sensors
         log = observe(run, sensors, np.random.default_rng(seed))
         fit = fit_method(build_elastic_equations(arm[1], (log,), ElasticOptions()), "nlp")

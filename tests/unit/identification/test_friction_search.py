@@ -21,6 +21,7 @@ from symid.identification.friction_search import (
 from symid.identification.rigid import PLAIN, FrictionChoice, friction_choice
 from symid.identification.rigid.friction_choice import JointLaw, Trial, choose_plainest, choose_trial
 from symid.joint_models import FrictionValues, compute_columns, get_law
+from symid.robot import Processing
 from tests.estimates import build_estimate
 
 NAMES = {"shoulder": "auto", "elbow": "auto"}
@@ -236,7 +237,7 @@ def test_shape_values_go_no_farther_than_their_columns_are_straight(robot, step,
 def test_slow_samples_are_kept_from_the_bend_of_the_law_on_that_was_found(robot):
     """The law of the first joint bends at 0.1 rad/s, that of the second one nowhere."""
     joints = (robot.joints[0], replace(robot.joints[1], friction=FrictionValues(law=PLAIN)))
-    robot = replace(robot, joints=joints)
+    robot = replace(robot, joints=joints, processing=Processing(automatic=True))
     plan = rigid.FitPlan(processing=replace(robot.processing, standstill=(0.2, 0.3)), estimator="wls")
     kept = _keep_slow_rows(plan, robot, np.array([0.0123456, 0.01]))
     assert kept.processing.standstill == (0.1, 0.3)
@@ -248,6 +249,9 @@ def test_slow_samples_are_kept_from_the_bend_of_the_law_on_that_was_found(robot)
     assert _keep_slow_rows(plan, robot, np.array([0.4, 0.01])) == plan
     early = replace(plan, processing=replace(plan.processing, standstill=(0.05, 0.3)))
     assert _keep_slow_rows(early, robot, np.array([0.01, 0.01])) == early
+    # Those that a user states stay.
+    stated = replace(robot, processing=plan.processing)
+    assert _keep_slow_rows(plan, stated, np.array([0.01, 0.01])) == plan
     open_plan = replace(plan, processing=replace(plan.processing, standstill=None))
     assert _keep_slow_rows(open_plan, robot, np.array([0.01, 0.01])) == open_plan
 
