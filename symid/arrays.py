@@ -61,7 +61,7 @@ def accumulate(steps: FloatArray, keep: float, length: int = 32) -> FloatArray:
     if blocks > 1:
         before = accumulate(own[:, :-1, -1].T, keep**length).T
         own[:, 1:] += before[..., None] * np.power(keep, np.arange(1.0, length + 1))
-    return own.reshape(size, -1)[:, :count].T.reshape(steps.shape)
+    return own.reshape(size, blocks * length)[:, :count].T.reshape(steps.shape)
 
 
 def find_runs(mask: NDArray[np.bool_], least: int = 1) -> NDArray[np.intp]:

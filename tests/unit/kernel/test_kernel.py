@@ -176,7 +176,7 @@ def test_a_triangle_has_the_squares_of_its_matrix(shape, order):
 
 
 @pytest.mark.parametrize("keep", [0.0, 0.3, 0.97, 1.0])
-@pytest.mark.parametrize("shape", [(0, 2), (1, 3), (32, 1), (33,), (2500, 2, 3)])
+@pytest.mark.parametrize("shape", [(0, 2), (1, 3), (32, 1), (33,), (70, 0), (2500, 2, 3)])
 def test_sums_that_forget_are_those_step_after_step(shape, keep):
     steps = np.random.default_rng(2).normal(size=shape)
     expected = np.zeros(shape)
