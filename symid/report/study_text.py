@@ -498,7 +498,8 @@ def _draw_platform() -> Drawing:
     robot = read_robot(locate_resource_folder("robots") / _PLATFORM)
     links, frames = place_arm(robot, _POSE)
     joints = []
-    for number, (link, frame, radius) in enumerate(zip(links, frames, _RADII, strict=True), 1):
+    # Tools come after the links of joints.
+    for number, (link, frame, radius) in enumerate(zip(links[:-1], frames, _RADII, strict=True), 1):
         style = "second" if number <= len(paper.TABLE_3) else "first"
         # A joint stands amid what lies along its axis.
         joints.append(figures.ArmJoint(0.5 * (link[1] + link[2]), frame[:3, 2], str(number), style, radius))
