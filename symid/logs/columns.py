@@ -188,7 +188,8 @@ def extract_time(raw: RawLog, robot: Robot, findings: Findings) -> tuple[FloatAr
         return None, names
     standard = "s"
     if mapped is None and names[0] not in raw.units and array.shape[1] == 1:
-        standard = _find_time_unit(array[:, 0], raw, robot, findings)
+        named = _CLOCK.fullmatch(names[0])
+        standard = (named and named[1]) or _find_time_unit(array[:, 0], raw, robot, findings)
     unit = choose_unit(raw, names, mapped, standard, findings)
     found = _read_unit(unit, "time", findings)
     if found is None:
@@ -205,6 +206,8 @@ def extract_time(raw: RawLog, robot: Robot, findings: Findings) -> tuple[FloatAr
     return array[:, 0] * factor, names
 
 
+_CLOCK = re.compile(r"__time|.*/time|(?i:t|time|timestamp|stamp|clock)(?:_([mun]?s(?:ec)?))?")
+"""Names of a clock: of a bag, of a table that was made of one, of other programs, with the unit behind."""
 _PERIODS = (2e-5, 0.5)
 """Sample periods of robots' logs, s: faster than any drive, and too slow for any motion."""
 _SPEEDS = (0.02, 30.0)
@@ -357,9 +360,8 @@ def choose_default_names(raw: RawLog, name: str) -> tuple[str, ...]:
         found = sorted((int(match[1]), match[0]) for match in numbered if match)
         if found and name != "time":
             return tuple(column for _, column in found)
-    # The one clock of a bag, or of a table that was made of one.
-    clocks = [column for column in raw.columns if column == "__time" or column.endswith("/time")]
-    return (clocks[0] if name == "time" and len(clocks) == 1 else DEFAULT_NAMES[name][0],)
+    clocks = list(filter(_CLOCK.fullmatch, raw.columns)) if name == "time" else ()
+    return (clocks[0] if len(clocks) == 1 else DEFAULT_NAMES[name][0],)
 
 
 def has_default_columns(raw: RawLog, quantities: Iterable[str]) -> bool:

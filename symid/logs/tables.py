@@ -39,8 +39,8 @@ _LOOKED_AT, _LOOKED_AT_LETTERS = 1000, 10**6
 """Lines of a file by which the table is found, more than any preamble has, and their letters."""
 _UNPACKED, _RATIO = 50_000_000, 20
 """Bytes that any text may unpack to, and times its size that it may: numbers pack to a third."""
-_COMMENT = re.compile(r"#|//|%(?!time\b)")
-"""Beginning of a comment; `rostopic echo -p` begins its heading with %time."""
+_COMMENT = re.compile(r"#(?!N/A|NV)|//|%(?!time\b)")
+"""Beginning of a comment; `rostopic echo -p` begins its heading with %time, spreadsheets write #N/A."""
 _BINARY = re.compile(r"[\x00-\x08\x0e-\x1f]")
 _QUOTES = ("[", "(", "/", "'", '"')
 _SPACES = re.compile(r"\s+(?![\[(])(?![^\[(]*[\])])")
@@ -49,6 +49,8 @@ _COMMA = re.compile(r"[+-]?\d*,\d+([eE][+-]?\d+)?")
 _THOUSANDS = re.compile(r"[+-]?[1-9]\d{0,2},\d{3}")
 _DATE = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d:\d\d:\d\d(?:[.,]\d{1,9})?) ?(Z|[+-]\d\d:?\d\d)?")
 _NO_UNIT = frozenset(("", "-", "none", "n/a"))
+_MISSING = frozenset(("na", "n/a", "#n/a", "#nv", "null", "none"))
+"""Words that spreadsheets and data frames write for a number that is missing."""
 _LABEL, _UNIT_LABELS = "name", frozenset(("unit", "units", "y_unit_label"))
 """First cells of rows above the numbers, where a program labels them: names of columns, units."""
 _MARKED = re.compile(r"\s*(?:Unit|Type|Interp|BlockPath|PortIndex): ?(.*)")
@@ -376,12 +378,16 @@ def _read_columns(
 
 
 def _read_numbers(name: str, cells: _Cells, layout: _Layout, problems: _Problems) -> FloatArray:
-    """Return the numbers of a column (N,); what is none is added to the problems."""
-    if not any("_" in cell for _, cell in cells):
-        with suppress(ValueError):
-            return np.array([layout.write_plain(cell) for _, cell in cells], dtype=np.float64)
+    """Return the numbers of a column (N,), NaN for missing ones; what is none is added to the problems."""
+    texts = [cell for _, cell in cells]
+    for _ in range(2):
+        if not any("_" in cell for cell in texts):
+            with suppress(ValueError):
+                return np.array(list(map(layout.write_plain, texts)), dtype=np.float64)
+        texts = ["" if cell.strip().lower() in _MISSING else cell for cell in texts]
     mark = "comma" if layout.decimal == "," else "point"
-    wrong = [entry for entry in cells if entry[1].strip() and not layout.is_number(entry[1])]
+    lines = (line for line, _ in cells)
+    wrong = [own for own in zip(lines, texts, strict=True) if own[1].strip() and not layout.is_number(own[1])]
     problems += (
         (line, "log.not-a-number", f"column {name!r}: {cell!r} is not a number (use a decimal {mark})")
         for line, cell in wrong

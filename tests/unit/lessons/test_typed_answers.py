@@ -5,6 +5,7 @@ import re
 import shutil
 import subprocess
 from dataclasses import asdict
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -52,6 +53,7 @@ kind = "revolute"
 """
 
 
+@cache
 def build(name, notation, **letters):
     robot = parse_robot(RRP) if name == "rrp" else load_robot(name)
     return build_lesson(robot, get_book(notation, **letters))

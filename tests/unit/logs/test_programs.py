@@ -307,6 +307,22 @@ def test_units_of_time_that_are_not_stated(make_robot, write_npz, unit, rate, sp
     assert ("log.time-unit" in tell(recording.notices)) == (unit != "s")
 
 
+@pytest.mark.parametrize(
+    ("name", "size"),
+    [
+        *(("timestamp", 1.0), ("Time", 1.0), ("time_s", 1.0), ("timestamp_ms", 1e3), ("t_us", 1e6)),
+        *(("Timestamp_ns", 1e9), ("time_usec", 1e6), ("clock_sec", 1.0), ("stamp [ms]", 1e3)),
+    ],
+)
+def test_clocks_by_other_names(make_robot, write_npz, tmp_path, name, size):
+    text = f"{name},q1,q2,tau1,tau2\n" + write_rows(WHOLE * [size, 1.0, 1.0, 1.0, 1.0], ",", ".")
+    (tmp_path / "log.csv").write_text(text)
+    np.testing.assert_allclose(read_recording(tmp_path / "log.csv", make_robot()).time, TIME, atol=1e-9)
+    # Two of them could both be meant.
+    found = refuse(LogError, read_recording, write_npz(Time=TIME, stamp=TIME, q=Q, tau=TAU), make_robot())
+    assert "'Time' or 'stamp'" in found["new.ambiguous-column"]
+
+
 def test_a_counter_or_a_time_of_several_units_is_asked_for(make_robot, write_npz):
     k = np.arange(1000.0)
     q = np.column_stack([np.sin(k / 300.0), np.cos(k / 300.0)])
@@ -329,11 +345,12 @@ def test_times_by_a_sample_rate(make_robot, write_npz, rate):
 
 @pytest.mark.parametrize("names", [["t"], ["q1"], ["tau2"], ["t", "q1"]])
 @pytest.mark.parametrize("places", [[7], [0, 30], [59, 20, 21]])
-def test_single_missing_values_are_gaps(make_robot, tmp_path, names, places):
+@pytest.mark.parametrize("word", ["", "NaN", "#N/A", "null"])
+def test_single_missing_values_are_gaps(make_robot, tmp_path, names, places, word):
     rows = [[f"{value:.9g}" for value in row] for row in WHOLE]
     for place in places:
         for name in names:
-            rows[place][OWN.index(name)] = ""
+            rows[place][OWN.index(name)] = word
     text = "t [s],q1 [rad],q2 [rad],tau1 [N m],tau2 [N m]\n" + "".join(f"{','.join(row)}\n" for row in rows)
     (tmp_path / "log.csv").write_text(text)
     (recording,) = read_recordings([tmp_path / "log.csv"], make_robot())
