@@ -195,7 +195,12 @@ def search_friction(
         """Return settings of a fit, which are found once."""
         rows, estimator = options.get("rows", "torque"), options.get("estimator")
         plan = rigid.plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
-        return _keep_slow_rows(plan, found, choice.motion.slowest)
+        kept = _keep_slow_rows(plan, found, choice.motion.slowest)
+        if plan.study is None or kept == plan:
+            return kept
+        # What parts of the logs say of values, they say from the same rows.
+        again = rigid.plan_fit(library, loaded, kept.processing, rows=rows, estimator=kept.estimator)
+        return replace(kept, study=again.study and replace(again.study, choice=plan.study.choice))
 
     def fit_once(loaded: Sequence[Recording], held: Robot) -> Estimate:
         library = prepare(held)
@@ -245,7 +250,7 @@ def search_friction(
 
 
 def _keep_slow_rows(plan: rigid.FitPlan, robot: Robot, slowest: FloatArray) -> rigid.FitPlan:
-    """Return the plan with rows from the speeds on at which laws bend, no slower than `slowest` (n,).
+    """Return the plan with rows that show how laws bend (POLICY.bend), no slower than `slowest` (n,).
 
     Speeds that are stated stay.
     """
@@ -257,8 +262,8 @@ def _keep_slow_rows(plan: rigid.FitPlan, robot: Robot, slowest: FloatArray) -> r
         law = joint_models.get_friction_law(joint.friction)
         shape = zip(joint.friction.shape, law.shape if law else (), strict=False)
         bends = [value for value, entry in shape if entry.unit == "rad/s"]
-        if bends and max(slow, min(bends)) < speeds[place]:
-            speeds[place] = float(f"{max(slow, min(bends)):.3g}")
+        if bends and (least := max(slow, POLICY.bend * min(bends))) < speeds[place]:
+            speeds[place] = float(f"{least:.3g}")
             kept.append(f"{joint.name} {speeds[place]:.3g}")
     if not kept:
         return plan
@@ -293,10 +298,17 @@ def _hold_shape(result: _Result, held: Robot, later: Estimate) -> _Result:
 
 
 def _take_deviations(estimate: Estimate, later: Estimate) -> Estimate:
-    """Return the estimate with the deviations of a `later` one, whose columns are those about its values."""
+    """Return the estimate with the covariance of a `later` one, whose columns are those about its values."""
+    if not later.covariance:
+        return estimate
     stds = {entry.name: entry.std for entry in later.parameters}
-    moved = (replace(entry, std=stds.get(entry.name, entry.std)) for entry in estimate.parameters)
-    return replace(estimate, parameters=tuple(moved))
+    moved = tuple(replace(entry, std=stds.get(entry.name, entry.std)) for entry in estimate.parameters)
+    # What the later one does not resolve has its deviation alone.
+    own = [place for place, entry in enumerate(moved) if entry.name in stds]
+    order = [[*stds].index(moved[place].name) for place in own]
+    covariance = np.diag([entry.std**2 for entry in moved])
+    covariance[np.ix_(own, own)] = np.array(later.covariance)[np.ix_(order, order)]
+    return replace(estimate, parameters=moved, covariance=tuple(map(tuple, covariance.tolist())))
 
 
 def _list_searched(robot: Robot, names: Collection[str]) -> tuple[ParameterCard, ...]:

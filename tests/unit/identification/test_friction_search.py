@@ -235,19 +235,19 @@ def test_shape_values_go_no_farther_than_their_columns_are_straight(robot, step,
 
 
 def test_slow_samples_are_kept_from_the_bend_of_the_law_on_that_was_found(robot):
-    """The law of the first joint bends at 0.1 rad/s, that of the second one nowhere."""
+    """From half of that speed: the law of the first joint bends at 0.1 rad/s, that of the second nowhere."""
     joints = (robot.joints[0], replace(robot.joints[1], friction=FrictionValues(law=PLAIN)))
     robot = replace(robot, joints=joints, processing=Processing(automatic=True))
     plan = rigid.FitPlan(processing=replace(robot.processing, standstill=(0.2, 0.3)), estimator="wls")
     kept = _keep_slow_rows(plan, robot, np.array([0.0123456, 0.01]))
-    assert kept.processing.standstill == (0.1, 0.3)
-    assert kept.notices[-1].text.endswith("shoulder 0.1")
+    assert kept.processing.standstill == (0.05, 0.3)
+    assert kept.notices[-1].text.endswith("shoulder 0.05")
     # Not those that the choice of laws left out.
     kept = _keep_slow_rows(plan, robot, np.array([0.123456, 0.01]))
     assert kept.processing.standstill == (0.123, 0.3)
     # None is left out, or fewer.
     assert _keep_slow_rows(plan, robot, np.array([0.4, 0.01])) == plan
-    early = replace(plan, processing=replace(plan.processing, standstill=(0.05, 0.3)))
+    early = replace(plan, processing=replace(plan.processing, standstill=(0.02, 0.3)))
     assert _keep_slow_rows(early, robot, np.array([0.01, 0.01])) == early
     # Those that a user states stay.
     stated = replace(robot, processing=plan.processing)
@@ -261,14 +261,19 @@ def test_values_are_those_of_a_fit_about_the_shape_values_that_are_stated(robot,
     """A straight step of a shape value together with those of its linear values is no fit of the law."""
     plain = build_estimate(robot)
     new = replace(plain.parameters[0], name="vs1", value=0.1 + step, std=0.05)
-    stepped = replace(plain, parameters=(*plain.parameters, new))
+    both = (*plain.parameters, new)
+    spread = np.outer(stds := [one.std for one in both], stds) * (0.5 + 0.5 * np.eye(len(both)))
+    stepped = replace(plain, parameters=both, covariance=tuple(map(tuple, spread.tolist())))
     held = replace(plain, parameters=tuple(replace(one, value=5.0, std=1e-9) for one in plain.parameters))
     library = SimpleNamespace(card=SimpleNamespace(searched=(SimpleNamespace(name="vs1"),)))
     moved = _move_friction(robot, stepped)
     found = _hold_shape(_Result(stepped, robot, library, lambda _: held, None), moved, stepped)
     assert [entry.std for entry in found.estimate.parameters] == [one.std for one in stepped.parameters]
+    # Of the values that are kept too, so that the fit can be stored and read again.
+    assert found.estimate.list_mistakes() == []
+    np.testing.assert_allclose(found.estimate.covariance, spread)
     if step == 0.001:
-        assert found.estimate == stepped
+        assert found.estimate.parameters == stepped.parameters
     else:
         assert [entry.value for entry in found.estimate.parameters] == [*[5.0] * len(plain.parameters), 0.13]
     assert found.robot.axes[0].friction.shape == moved.axes[0].friction.shape == pytest.approx((0.1 + step,))
