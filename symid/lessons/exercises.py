@@ -235,7 +235,7 @@ def mark_sheet(robot: Robot, sheet: AnswerSheet, file: str, lang: str = "") -> t
     settings = {"notation": "symid", "seed": "0", "lang": "en", **sheet.settings}
     form, angle = settings.get("parameters"), settings.get("angle")
     known = form in (None, "base", "symbols", "bodies") and angle in (None, "q", "theta")
-    known = known and settings["notation"] in textbook.BOOK_NAMES and settings["lang"] in LANGUAGES
+    known = known and settings["notation"] in textbook.load_books() and settings["lang"] in LANGUAGES
     if not (known and settings["seed"].isdigit() and settings.get("exercises", "").isdigit()):
         text = "its line with settings was changed: it has exercises, seed, notation, parameters, angle, lang"
         raise InputError(Notice(code="lesson.settings", text=text, file=file))

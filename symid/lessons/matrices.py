@@ -27,7 +27,7 @@ from sympy import QQ, Expr, S, Symbol, preorder_traversal
 from sympy.polys.rings import PolyElement, PolyRing
 
 from symid import dynamics
-from symid.lessons.textbook import AngleSums, Book, build_angle_sums, get_book, write_sum
+from symid.lessons.textbook import AngleSums, Book, build_angle_sums, write_sum
 from symid.notation import INERTIAL
 from symid.robot import (
     IDENTITY,
@@ -44,7 +44,7 @@ from symid.robot import (
 Parameterisation: TypeAlias = Literal["base", "symbols", "bodies"]
 Polynomials: TypeAlias = tuple[PolyElement, ...]
 PolynomialMatrix: TypeAlias = tuple[Polynomials, ...]
-PLAIN_BOOK = get_book("symid")
+PLAIN_BOOK = Book(name="symid")
 _Vector: TypeAlias = "dynamics.Vector[PolyElement]"
 
 

@@ -26,14 +26,12 @@ from symid.codegen import choose_route, list_robot_specs, list_spring_parameters
 from symid.dynamics import derive_base_parameters, get_label_unit
 from symid.environment import locate_resource_folder
 from symid.lessons.chapters import (
-    Chapter,
     Item,
     Lesson,
+    fill_chapter,
     find_tip,
     list_items,
     list_slides,
-    say,
-    show,
     translate_chapter,
     write_marked,
 )
@@ -63,12 +61,6 @@ _LEAD = (
     "Every formula was derived exactly from the robot file and checked by a second derivation. Numbers "
     "beside formulas are those at the posture of the sliders."
 )
-_HOW_TO_TYPE = (
-    "Type formulas as the page shows them, as `m2*lc2*g*cos(q1 + q2)`, or shorter, as `m2 lc2 g c12`; LaTeX "
-    "and the copied SymPy text are read too. They are compared with the answer at random points."
-)
-
-
 MOTION_RATE = 50.0
 """Hz, of the samples that the page's script takes of a motion."""
 
@@ -127,10 +119,18 @@ def write_lesson(
 def _write_page(lesson: Lesson, drawn: Sequence[Exercise], logged: LoggedMotion | None, words: Words) -> str:
     robot, book, chapters = lesson.robot, lesson.book, lesson.chapters
     if lesson.beta:
-        chapters = (*chapters, translate_chapter(_write_identification(lesson, logged), words))
+        taken = ", " if logged is None else f", or take the one of `{logged.name}`, "
+        chapters = (*chapters, translate_chapter(fill_chapter("identification", book, taken=taken), words))
     if drawn:
-        asked = (say(_HOW_TO_TYPE), *_list_marked_letters(lesson), Item("widget", "exercises"))
-        chapters = (*chapters, translate_chapter(Chapter("Exercises", "exercises", asked), words))
+        # How letters with marks are typed, one of each kind: of composite bodies, gravity and momenta.
+        slides, kinds = list_slides(robot), dict[str, str]()
+        for name in map(str, lesson.model.algebra.ring.symbols):
+            shown = write_symbol(name, book, slides)
+            if shown.startswith(("{}^", r"\overline", r"\ell", r"\dot", r"\ddot")):
+                kind = re.sub(r"\d", "", name)
+                kinds.setdefault(kind, f"${shown}$ `{write_name(name, book, slides)}`")
+        letters = ", ".join([*kinds.values()][:_MOST_KINDS])
+        chapters = (*chapters, translate_chapter(fill_chapter("exercises", book, letters=letters), words))
     folder = locate_resource_folder("templates") / "lesson"
     numbers = iter(range(1, 100_000))
     sections, contents = [], ""
@@ -316,44 +316,6 @@ def _describe(lesson: Lesson) -> dict[str, object]:
         "cubic": [bool(joint.elasticity and joint.elasticity.cubic) for joint in robot.axes],
         "rotors": [joint.drive.rotor_inertia or 0.0 for joint in robot.axes],
     }
-
-
-def _write_identification(lesson: Lesson, logged: LoggedMotion | None) -> Chapter:
-    """Return the chapter in which a reader moves the robot and sees what the torques identify."""
-    tau, q = lesson.book.torque, lesson.book.coordinates
-    taken = ", " if logged is None else f", or take the one of `{logged.name}`, "
-    items = (
-        say(
-            rf"Torques are linear in the base parameters: ${tau} = Y({q}, \dot {q}, \ddot {q})\,\beta$. "
-            r"With independent noise of standard deviation $\sigma_j$ in each sample of the torque of joint "
-            r"$j$, the estimate of least squares has the covariance"
-        ),
-        show(
-            r"\operatorname{cov}\hat\beta = \Bigl(\sum_k Y_k^{\mathsf T}\, W\, Y_k\Bigr)^{-1}, \qquad "
-            r"W = \operatorname{diag}(\sigma_1^{-2}, \ldots, \sigma_n^{-2})."
-        ),
-        say(
-            "The sum grows with every sample: the longer and the richer the motion, the smaller the "
-            "deviations. What a motion does not move, or moves in one way only, is not identifiable, and "
-            f"the sum has no inverse. Design a motion{taken}and play it; $Y$ is that of generated code, at "
-            "50 samples a second; friction is known."
-        ),
-        Item("widget", "identification"),
-    )
-    return Chapter("What a motion identifies", "identification", items)
-
-
-def _list_marked_letters(lesson: Lesson) -> Iterator[Item]:
-    """Yield how letters with marks are typed, one of each kind: of composite bodies, gravity and momenta."""
-    slides, kinds = list_slides(lesson.robot), dict[str, str]()
-    for name in map(str, lesson.model.algebra.ring.symbols):
-        shown = write_symbol(name, lesson.book, slides)
-        if shown.startswith(("{}^", r"\overline", r"\ell", r"\dot", r"\ddot")):
-            typed = write_name(name, lesson.book, slides)
-            kinds.setdefault(re.sub(r"\d", "", name), f"${shown}$ `{typed}`")
-    if kinds:
-        listed = ", ".join([*kinds.values()][:_MOST_KINDS])
-        yield say(f"Letters with marks: {listed}.")
 
 
 def _write_exercise(one: Exercise) -> str:
