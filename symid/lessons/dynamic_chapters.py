@@ -49,7 +49,12 @@ def build_lesson(
     robot: Robot, book: Book, form: matrices.Parameterisation | None = None, language: str = "en"
 ) -> Lesson:
     """Return the lesson on `robot` in the letters of `book`; a SymidError where derivations do not agree."""
-    book = fit_book(book, robot)
+    if book.name == "symid" and robot.convention == "standard":
+        book = replace(book, standard=True, shift=-1)
+    slides, names = list_slides(robot), {name for name, _ in robot.symbols}
+    if names & {write_name(f"q{number}", book, slides) for number in range(1, robot.size + 1)}:
+        # No coordinate is called as a symbol of the file.
+        book = replace(book, angle="q", slide="q", coordinates="q")
     plain = all(joint.form is None for joint in robot.joints)
     forms: tuple[matrices.Parameterisation | None, ...] = (form,)
     if form is None and book.bodies and plain:
@@ -63,7 +68,7 @@ def build_lesson(
             break
     derived = equations or matrices.derive_composites(robot, book)
     model = derived.model
-    writer = ChapterWriter(model=model, book=book, style=build_style(book, list_slides(robot)))
+    writer = ChapterWriter(model=model, book=book, style=build_style(book, slides))
     values, beta, stand_ins = build_values(robot, model)
     chapters = [write_frames(writer), *write_kinematics(writer)]
     if isinstance(derived, matrices.Equations):
@@ -82,16 +87,6 @@ def build_lesson(
         stand_ins=stand_ins,
         language=language,
     )
-
-
-def fit_book(book: Book, robot: Robot) -> Book:
-    """Return the letters of a book for a robot: no coordinate is called as a symbol of its file."""
-    if book.name == "symid" and robot.convention == "standard":
-        book = replace(book, standard=True, shift=-1)
-    slides, names = list_slides(robot), {name for name, _ in robot.symbols}
-    if names & {write_name(f"q{number}", book, slides) for number in range(1, robot.size + 1)}:
-        return replace(book, angle="q", slide="q", coordinates="q")
-    return book
 
 
 # Short robots: all is written out.

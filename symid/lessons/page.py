@@ -162,6 +162,14 @@ def _write_page(lesson: Lesson, drawn: Sequence[Exercise], logged: LoggedMotion 
     for spec in specs:
         lines += write_javascript_function(choose_route(robot, base, spec).program, exported=False)
 
+    asked = []
+    for one in drawn:
+        texts = {"prompt": one.prompt, "answer": one.answer, "note": one.note}
+        entries = [f'"{key}": {_write_json(text)}' for key, text in texts.items()]
+        entries += [f'"formula": (v) => {one.code}'] if one.code else []
+        entries += [] if one.number is None else [f'"number": {one.number!r}']
+        asked.append(f"{{ {', '.join(entries)} }}")
+
     def read(name: str) -> str:
         return (folder / name).read_text(encoding="utf-8")
 
@@ -192,7 +200,7 @@ def _write_page(lesson: Lesson, drawn: Sequence[Exercise], logged: LoggedMotion 
         "KATEX": read("katex/katex.min.js"),
         "FUNCTIONS": "\n".join(lines) + f"\nreturn {{ {', '.join(spec.name for spec in specs)} }};",
         "FORMULAS": ",\n".join(f"[{json.dumps(item.name)}, (v) => {item.code}]" for item in items),
-        "EXERCISES": ",\n".join(map(_write_exercise, drawn)),
+        "EXERCISES": ",\n".join(asked),
         "DATA": _write_json({**_describe(lesson), "log": log}),
         "SCRIPT": "".join(read(f"{name}.js") for name in _SCRIPTS),
     }
@@ -316,16 +324,6 @@ def _describe(lesson: Lesson) -> dict[str, object]:
         "cubic": [bool(joint.elasticity and joint.elasticity.cubic) for joint in robot.axes],
         "rotors": [joint.drive.rotor_inertia or 0.0 for joint in robot.axes],
     }
-
-
-def _write_exercise(one: Exercise) -> str:
-    texts = {"prompt": one.prompt, "answer": one.answer, "note": one.note}
-    parts = [f'"{key}": {_write_json(text)}' for key, text in texts.items()]
-    if one.code:
-        parts.append(f'"formula": (v) => {one.code}')
-    if one.number is not None:
-        parts.append(f'"number": {one.number!r}')
-    return f"{{ {', '.join(parts)} }}"
 
 
 # LaTeX.

@@ -49,6 +49,28 @@ def _show_compared(ours: "EstimateSide", found: "Compared") -> tuple[Block, ...]
     span = f"the groups of the other{with_these} span all base parameters, exactly"
     if found.lacking > 0:
         span = f"besides, the other does not determine {found.lacking} combinations of ours"
+    judged, total = comparison.judged, comparison.chi_square
+    agreement = ", ".join(
+        f"{comparison.count_within(limit)} of {judged} within {limit:g} standard deviations "
+        f"({share * judged:.0f} expected)"
+        for limit, share in _LIMITS
+    )
+    if not judged:
+        agreement = "neither side states standard deviations: agreement cannot be judged"
+    elif total is None:
+        agreement += "\nno chi-square: the covariance of the differences is singular"
+    else:
+        agreement += f"\nchi-square {_format_deviations(total.value)} over {total.freedom} groups"
+        if other.shared:
+            agreement += "; no probability, because the estimates have logs in common"
+        else:
+            chance = f"{total.chance:.2g}" if total.chance > _TINY else f"below {_TINY:g}"
+            agreement += f", probability {chance}"
+            if total.chance > _TOO_SURE:
+                agreement += "; too small for independent errors: both may come from the same log"
+        if total.stretch > 1.0:
+            large = f"{total.stretch:.2g} times as large"
+            agreement += f"; it would be as expected with standard deviations {large}"
     left_out = (
         ("ours, not in the other: ", found.absent),
         ("in neither: ", found.neither),
@@ -59,7 +81,7 @@ def _show_compared(ours: "EstimateSide", found: "Compared") -> tuple[Block, ...]
     return (
         f"{ours.identified.robot.name}: {show_path(ours.source)} beside {show_path(other.source)}{columns}",
         Table(header, rows, left=(0, 6) if read else (0,), fold=_WIDTH),
-        _summarise_agreement(found),
+        agreement,
         *(["\n".join(lines)] if len(lines) > 1 else []),
         "\n".join(f"{head}{', '.join(names)}" for head, names in left_out if names),
     )
@@ -70,31 +92,6 @@ def _format_deviations(value: float, sign: str = "", digits: int = 1) -> str:
     if math.isnan(value):
         return "-"
     return format(value, f"{sign}.{digits}f" if abs(value) < 1e5 else f"{sign}.2e")
-
-
-def _summarise_agreement(found: "Compared") -> str:
-    comparison = found.comparison
-    judged, total = comparison.judged, comparison.chi_square
-    if not judged:
-        return "neither side states standard deviations: agreement cannot be judged"
-    counts = ", ".join(
-        f"{comparison.count_within(limit)} of {judged} within {limit:g} standard deviations "
-        f"({share * judged:.0f} expected)"
-        for limit, share in _LIMITS
-    )
-    if total is None:
-        return f"{counts}\nno chi-square: the covariance of the differences is singular"
-    text = f"chi-square {_format_deviations(total.value)} over {total.freedom} groups"
-    if found.other.shared:
-        text += "; no probability, because the estimates have logs in common"
-    else:
-        chance = f"{total.chance:.2g}" if total.chance > _TINY else f"below {_TINY:g}"
-        text += f", probability {chance}"
-        if total.chance > _TOO_SURE:
-            text += "; too small for independent errors: both may come from the same log"
-    if total.stretch > 1.0:
-        text += f"; it would be as expected with standard deviations {total.stretch:.2g} times as large"
-    return f"{counts}\n{text}"
 
 
 def describe_compared(found: "Compared") -> dict[str, object]:
