@@ -22,6 +22,7 @@ from symid.api.result import PagedResult, Result, SavedResult
 from symid.arrays import FloatArray
 from symid.errors import EstimateError, Notice
 from symid.identification import elastic
+from symid.ipopt import Ending
 from symid.notation import INERTIAL
 from symid.serialization import describe_record
 
@@ -452,8 +453,6 @@ class OneShotSolution(Result):
     @property
     def converged(self) -> bool:
         """Return whether the search ended at an optimum."""
-        from symid.ipopt import Ending
-
         return self.answer.outcome in {Ending.CONVERGED, Ending.ACCEPTABLE}
 
     @property
