@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from symid.lessons.chapters import load_words as load_words
     from symid.lessons.derivation import Step as Step, derive_lesson as derive_lesson
     from symid.lessons.exercises import (
         AnswerSheet as AnswerSheet,
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
         write_lesson_notebook as write_lesson_notebook,
     )
     from symid.lessons.textbook import get_book as get_book
-    from symid.lessons.words import load_words as load_words
 else:
     from symid.lazy import load_names
 

@@ -4,10 +4,15 @@ Robot, book -> `Chapter`s of `Item`s: frames, transforms, velocities, Jacobian, 
 that formulas start from. Text and formulas only: `page` draws them. In texts `$...$` is LaTeX. A formula with
 a `code` has a value at the posture that the reader chooses, from the formula itself.
 
-Supported: robots of the exact algebra. Not supported: more than one tool; loops.
+A language has sentences for those in English, `templates/lesson/LANGUAGE.toml`, in which {0}, {1} stand for
+what differs from robot to robot. Such a part is translated too where the table has it.
+
+Supported: robots of the exact algebra; English and German. Not supported: more than one tool; loops; texts of
+robot files and comments of code in other languages than their own.
 """
 
 import re
+import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -28,13 +33,60 @@ from symid.lessons.matrices import (
     derive_standard_transforms,
     find_standard_rows,
 )
-from symid.lessons.words import Words
 from symid.notation import INERTIAL
 from symid.robot import Exact, Placement, Robot
 
 WRITTEN_OUT = 3
 """Joints up to which a lesson writes everything out."""
 Writer: TypeAlias = Callable[[str], str]
+LANGUAGES = ("en", "de")
+Words: TypeAlias = Callable[[str], str]
+"""A text in English to the same in the language of a lesson; one that the table has not stays."""
+
+
+@cache
+def load_pairs(language: str) -> Mapping[str, str]:
+    """Return the sentences of a language by those in English; none for English itself."""
+    path = locate_resource_folder("templates") / "lesson" / f"{language}.toml"
+    if language == "en":
+        return {}
+    return dict(tomllib.loads(path.read_text(encoding="utf-8"))["pairs"])
+
+
+@cache
+def load_words(language: str) -> Words:
+    """Return what translates texts to one of `LANGUAGES`."""
+    pairs = load_pairs(language)
+    patterns = []
+    # The longest first: what has fewer parts that differ is meant.
+    for text in sorted((text for text in pairs if "{0}" in text), key=len, reverse=True):
+        # All texts of a form with {0}, {1}; only behind a sign at the end are lists.
+        pieces, seen, pattern = re.split(r"\{(\d)\}", text), set[str](), ""
+        for k, piece in enumerate(pieces):
+            if k % 2 == 0:
+                pattern += re.escape(piece)
+                continue
+            ends = k == len(pieces) - 2 and not pieces[-1] and pieces[k - 1].endswith((": ", ". "))
+            any_text = ".+?" if ends else "(?:(?!; |: ).)+?"
+            pattern += f"(?P=part{piece})" if piece in seen else f"(?P<part{piece}>{any_text})"
+            seen.add(piece)
+        patterns.append((re.compile(pattern, re.DOTALL), pairs[text]))
+
+    def translate(text: str) -> str:
+        if text in pairs:
+            return pairs[text]
+        for pattern, form in patterns:
+            if match := pattern.fullmatch(text):
+                parts = {name: translate(part) for name, part in match.groupdict().items()}
+                pieces = enumerate(re.split(r"\{(\d)\}", form))
+                return "".join(parts[f"part{piece}"] if k % 2 else piece for k, piece in pieces)
+        # A list of reasons, each behind its names.
+        for mark in ("; ", ": ") if pairs else ():
+            if mark in text:
+                return mark.join(map(translate, text.split(mark)))
+        return text
+
+    return translate
 
 
 @dataclass(frozen=True, slots=True)

@@ -27,6 +27,7 @@ from symid.lessons.chapters import (
     build_values,
     fill_chapter,
     list_slides,
+    load_words,
     require,
     say,
     show,
@@ -38,7 +39,6 @@ from symid.lessons.chapters import (
 )
 from symid.lessons.derivation import describe_friction
 from symid.lessons.textbook import Book, build_style, write_code, write_name, write_sum
-from symid.lessons.words import load_words
 from symid.robot import Robot
 
 _MOST_TERMS = 24

@@ -48,10 +48,9 @@ from symid.dynamics import ExactAlgebra, PointAlgebra
 from symid.environment import locate_resource_folder
 from symid.errors import InputError, Notice
 from symid.lessons import textbook
-from symid.lessons.chapters import WRITTEN_OUT, Lesson, list_items, list_slides
+from symid.lessons.chapters import LANGUAGES, WRITTEN_OUT, Lesson, Words, list_items, list_slides, load_words
 from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.matrices import Parameterisation
-from symid.lessons.words import LANGUAGES, Words, load_words
 from symid.robot import Robot
 
 MOST_EXERCISES = 50

@@ -39,10 +39,13 @@ from symid.lessons.chapters import (
     WRITTEN_OUT,
     Item,
     Lesson,
+    Words,
     fill_chapter,
     find_tip,
     list_items,
     list_slides,
+    load_pairs,
+    load_words,
     translate_chapter,
     write_marked,
 )
@@ -50,7 +53,6 @@ from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.exercises import Exercise, draw_exercises, list_spellings, load_spelling, write_sheet
 from symid.lessons.matrices import Parameterisation
 from symid.lessons.textbook import Book, get_book, write_name, write_symbol
-from symid.lessons.words import Words, load_pairs, load_words
 from symid.robot import Robot
 
 _SCRIPTS = ("formulas", "lesson", "identification")

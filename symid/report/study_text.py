@@ -118,8 +118,8 @@ def _list_races(races: Sequence[paper.SearchRace]) -> Table:
         rows.append((title, cost.estimator, cost.population, *whole, *near))
     header = ("motion", "search", "candidates", "generations", "evaluations", "near: gen.", "near: eval.")
     findings = "\n".join(f"{race.title}: {race.finding}." for race in races)
-    near = 100.0 * paper.NEARNESS
-    return Table(header, rows, (0, 1), **_fill("races", draws=races[0].draws, findings=findings, near=near))
+    most = 100.0 * paper.NEARNESS
+    return Table(header, rows, (0, 1), **_fill("races", draws=races[0].draws, findings=findings, near=most))
 
 
 def _list_recovery(study: paper.Recovery) -> Table:

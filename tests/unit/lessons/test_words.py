@@ -9,10 +9,9 @@ import symid
 from symid.cli.main import run
 from symid.environment import locate_resource_folder
 from symid.lessons import get_book
-from symid.lessons.chapters import list_items
+from symid.lessons.chapters import list_items, load_pairs, load_words
 from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.page import write_lesson
-from symid.lessons.words import load_pairs, load_words
 from symid.robot import load_robot
 
 ENGLISH = re.compile(
