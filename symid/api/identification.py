@@ -68,10 +68,10 @@ class Stiffness(PagedResult, SavedResult):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return delay, offsets and stiffness."""
-        return report.fit_text.show_stiffness(self.estimate)
+        return report.texts.show_stiffness(self.estimate)
 
     def _describe(self) -> dict[str, object]:
-        return report.fit_text.describe_stiffness(self.estimate)
+        return report.texts.describe_stiffness(self.estimate)
 
 
 def load_stiffness(path: str | PathLike[str]) -> Stiffness:

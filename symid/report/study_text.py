@@ -29,8 +29,8 @@ from symid.joint_models import FrictionLaw, compute_friction_torque, get_law
 from symid.report import figures
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.drawings import place_arm
-from symid.report.fit_text import write_number
 from symid.report.pages import Page
+from symid.report.texts import write_number
 from symid.report.verdict import FitVerdict
 from symid.robot import read_robot
 from symid.study import friction_protocols as paper
