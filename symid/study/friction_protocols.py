@@ -373,7 +373,7 @@ def draw_children(genes: FloatArray, parents: FloatArray, width: float, generato
 
 
 def search_by_population(
-    problem: friction.FrictionProblem, generator: Generator, *, anneal: bool, generations: int = GENERATIONS
+    problem: friction.FrictionProblem, generator: Generator, *, anneal: bool
 ) -> friction.FrictionSearch:
     """Return the best candidate of the genetic algorithm, or of its hybrid with annealing."""
     # Candidates are points of a unit box: linear parameters, then the coordinates of free shape values.
@@ -396,7 +396,7 @@ def search_by_population(
     objectives = compute_objectives(problem, *express(genes))
     history, converged = [float(np.min(objectives))], False
     temperature = float(np.max(objectives)) - history[0]
-    while not converged and len(history) <= generations:
+    while not converged and len(history) <= GENERATIONS:
         # The better one of two drawn at random; then the best of parents and children, the best first.
         first, second = generator.integers(len(genes), size=(2, len(genes)))
         parents = genes[np.where(objectives[first] <= objectives[second], first, second)]
@@ -422,7 +422,7 @@ def search_by_population(
     best, passed = int(np.argmin(objectives)), len(history) - 1
     linear, shape = (tuple(values[0].tolist()) for values in express(genes[None, best]))
     spread = f"the relative spread of the candidates' objectives fell below {numerics.CONVERGED:g}"
-    ended = (Ending.STAGNATED, spread) if converged else (Ending.LIMIT, f"{generations} generations passed")
+    ended = (Ending.STAGNATED, spread) if converged else (Ending.LIMIT, f"{GENERATIONS} generations passed")
     evaluations = len(genes) * (1 + passed * (2 if anneal else 1))
     counts, settings = (evaluations, 0, passed), (("population", len(genes)),)
     return friction.FrictionSearch(
