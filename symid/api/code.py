@@ -338,9 +338,7 @@ class CompiledModel:
             """Refuse an unknown function, with the nearest names."""
             if name.startswith("_") or "library" not in self.__dict__:
                 raise AttributeError(name)
-            from symid.robot import suggest_names
-
-            hint = suggest_names(name, self.functions, otherwise="there are")
+            hint = robots.suggest_names(name, self.functions, otherwise="there are")
             message = f"{self.card.robot!r} has no function {name!r}: {hint}"
             raise AttributeError(message)
 

@@ -94,7 +94,7 @@ class ExcitedTrajectory(RecordResult, DrawnResult, PagedResult, excitation.Optim
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return its condition number beside those of random series, and the used part of each limit."""
-        return report.robot_text.show_excitation(self)
+        return report.texts.show_excitation(self)
 
     def _describe(self) -> dict[str, object]:
         harmonics = (self.coefficients.shape[1] - 1) // 2

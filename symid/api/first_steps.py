@@ -261,8 +261,8 @@ class DemoResult(JudgedResult):
         return (
             _WHAT,
             f"{self.robot.name}: dynamics, friction and hysteresis identified from {logs}\n{best.reason}",
-            report.fit_text.show_elastic_parameters(best),
-            report.fit_text.show_springs(best),
+            report.texts.show_elastic_parameters(best),
+            report.texts.show_springs(best),
             (
                 "errors in percent: largest error of a dynamic parameter; hysteresis of the worse joint on "
                 f"the held-out motion {_LOGS[_HELD_OUT]}"
@@ -278,7 +278,7 @@ class DemoResult(JudgedResult):
 
     def _describe(self) -> dict[str, object]:
         return {
-            "estimate": report.fit_text.describe_elastic(self.fit.estimate),
+            "estimate": report.texts.describe_elastic(self.fit.estimate),
             "errors": {
                 name: {"parameter_percent": pair[0], "hysteresis_percent": pair[1]}
                 for name, pair in self.deviations.items()

@@ -438,14 +438,14 @@ class RigidFit(_DynamicsFit):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, and tables of parameters and residuals."""
-        return report.fit_text.show_estimate(self.estimate)
+        return report.texts.show_estimate(self.estimate)
 
     def brief(self) -> "tuple[report.Block, ...]":
         """Return the tables without the residual of all rows, where there is a better one."""
-        return report.fit_text.show_estimate(self.estimate, brief=True)
+        return report.texts.show_estimate(self.estimate, brief=True)
 
     def _describe(self) -> dict[str, object]:
-        return {**report.fit_text.describe_estimate(self.estimate), **self.extra}
+        return {**report.texts.describe_estimate(self.estimate), **self.extra}
 
 
 @final
@@ -498,13 +498,13 @@ class ElasticFit(_DynamicsFit):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return a headline, the reason for the method, parameters, springs and residuals."""
-        return report.fit_text.show_elastic(self.estimate)
+        return report.texts.show_elastic(self.estimate)
 
     def _describe(self) -> dict[str, object]:
         joints, aligned = [entry.joint for entry in self.estimate.residual], None
         if self.alignment is not None:
-            aligned = report.fit_text.describe_alignment(self.alignment, joints)
-        return {**report.fit_text.describe_elastic(self.estimate), "alignment": aligned, **self.extra}
+            aligned = report.texts.describe_alignment(self.alignment, joints)
+        return {**report.texts.describe_elastic(self.estimate), "alignment": aligned, **self.extra}
 
 
 @final
@@ -561,14 +561,14 @@ class FrictionFit(Fit):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return choice, law, parameters and residual of every joint."""
-        return report.fit_text.show_friction(self.estimate)
+        return report.texts.show_friction(self.estimate)
 
     def brief(self) -> "tuple[report.Block, ...]":
         """Return the law and the values of each joint."""
-        return report.fit_text.list_friction(self.estimate)
+        return report.texts.list_friction(self.estimate)
 
     def _describe(self) -> dict[str, object]:
-        return {**report.fit_text.describe_friction(self.estimate), **self.extra}
+        return {**report.texts.describe_friction(self.estimate), **self.extra}
 
 
 def build_dynamics_fit(

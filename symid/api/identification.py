@@ -22,6 +22,7 @@ from symid.api.result import PagedResult, Result, SavedResult
 from symid.arrays import FloatArray
 from symid.errors import EstimateError, Notice
 from symid.identification import elastic
+from symid.ipopt import Ending
 from symid.notation import INERTIAL
 from symid.serialization import describe_record
 
@@ -67,10 +68,10 @@ class Stiffness(PagedResult, SavedResult):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return delay, offsets and stiffness."""
-        return report.fit_text.show_stiffness(self.estimate)
+        return report.texts.show_stiffness(self.estimate)
 
     def _describe(self) -> dict[str, object]:
-        return report.fit_text.describe_stiffness(self.estimate)
+        return report.texts.describe_stiffness(self.estimate)
 
 
 def load_stiffness(path: str | PathLike[str]) -> Stiffness:
@@ -452,8 +453,6 @@ class OneShotSolution(Result):
     @property
     def converged(self) -> bool:
         """Return whether the search ended at an optimum."""
-        from symid.ipopt import Ending
-
         return self.answer.outcome in {Ending.CONVERGED, Ending.ACCEPTABLE}
 
     @property

@@ -171,7 +171,7 @@ class Log(Measurements):
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the table of joints: range, speed, torque."""
         summary = log_files.summarise_joints(self.recording, self.robot)
-        return (self.summarise(), report.robot_text.show_joints(self.source, summary))
+        return (self.summarise(), report.texts.show_joints(self.source, summary))
 
     def _describe(self) -> dict[str, object]:
         summary = log_files.summarise_joints(self.recording, self.robot)
@@ -507,16 +507,16 @@ class RobotCheck(DrawnResult, PagedResult):
 
     def summarise(self) -> str:
         """Return the robot and the number of logs."""
-        robot, count = report.robot_text.summarise_robot(self.robot), len(self.logs)
+        robot, count = report.texts.summarise_robot(self.robot), len(self.logs)
         return f"{robot}: {count} log{'s'[: count != 1]}"
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the robot, the joints of every log, and the identifiability of the parameters."""
-        return report.robot_text.show_robot_check(self.robot, self.product)
+        return report.texts.show_robot_check(self.robot, self.product)
 
     def brief(self) -> "tuple[report.Block, ...]":
         """Return the same for a first screen: of the parameters those that are not identifiable."""
-        return report.robot_text.show_robot_check(self.robot, self.product, brief=True)
+        return report.texts.show_robot_check(self.robot, self.product, brief=True)
 
     def _describe(self) -> dict[str, object]:
         joints = self.robot.joints

@@ -93,8 +93,8 @@ class LogValidation(JudgedResult, DrawnResult):
         match found:
             case identification.RigidValidation():
                 kind = " (joints taken as rigid)" if any(found.robot.elastic) else ""
-                limit, table = found.validation.scoring, report.fit_text.show_residual(found.residual)
-                metric = report.fit_text.show_all_rows(found.validation)
+                limit, table = found.validation.scoring, report.texts.show_residual(found.residual)
+                metric = report.texts.show_all_rows(found.validation)
                 if found.band is not None:
                     limit, motion, stacked = found.band.band, (), found.band.stacked_percent
                     metric = f"measured and predicted torque: both low-pass at {limit:g} Hz (Butterworth, "
@@ -117,7 +117,7 @@ class LogValidation(JudgedResult, DrawnResult):
                 table = report.Table(("joint", "law", "relative/%", "RMS", "unit", "rows"), laws, (0, 1, 4))
         mean = f"mean relative residual {found.mean_relative_percent:.4f} %"
         headline = f"{found.robot.name}{kind} on {found.validation.source}{within}: {mean}"
-        return (f"{headline}{more}", table, *report.fit_text.show_motion(motion))
+        return (f"{headline}{more}", table, *report.texts.show_motion(motion))
 
     def _describe(self) -> dict[str, object]:
         match self.product:
@@ -132,14 +132,14 @@ class LogValidation(JudgedResult, DrawnResult):
                     "mean_relative_percent": band.mean_relative_percent,
                 }
                 plain = {
-                    **report.fit_text.describe_validation(found.validation),
+                    **report.texts.describe_validation(found.validation),
                     "mean_relative_percent": found.mean_relative_percent,
                     "residual": [describe_record(entry) for entry in found.residual],
                     **({} if within is None else {"band": within}),
                     "processing": {**asdict(found.settled.processing), "origin": dict(found.settled.origin)},
                 }
             case identification.FrictionValidation() as found:
-                plain = report.fit_text.describe_validation(found.validation) | {"laws": dict(found.laws)}
+                plain = report.texts.describe_validation(found.validation) | {"laws": dict(found.laws)}
             case identification.ElasticValidation() as found:
                 plain = _describe_elastic(found)
         return {**plain, "gate": self.gate, "accepted": self.accepted}
@@ -163,7 +163,7 @@ def _show_elastic(found: "identification.ElasticValidation") -> "tuple[report.Bl
         head += f"; with the springs {max(trial.means[1:]):.4f} %"
     blocks: list[report.Block] = [head]
     for caption, entries in trial.residuals:
-        blocks += [caption, report.fit_text.show_residual(entries)]
+        blocks += [caption, report.texts.show_residual(entries)]
     lacking = ", ".join(joint.joint for joint in trial.joints if joint.final is None)
     if lacking:
         cannot = "its spring torque cannot be predicted, and the gate does not test it"
@@ -200,7 +200,7 @@ def _describe_elastic(found: "identification.ElasticValidation") -> dict[str, ob
         "mean_relative_percent": trial.mean_relative_percent,
         "tables": tables,
         "alignment": found.alignment
-        and report.fit_text.describe_alignment(found.alignment, [joint.name for joint in joints]),
+        and report.texts.describe_alignment(found.alignment, [joint.name for joint in joints]),
         "tracking": tracking
         and {
             "trajectory": tracking.trajectory.source,
@@ -429,7 +429,7 @@ class Comparison(PagedResult):
             notices += [
                 *self.ours.notices,
                 *found.other.notices,
-                *report.comparison_text.warn_compared(found),
+                *report.texts.warn_compared(found),
             ]
         return tuple(dict.fromkeys(notices))
 
@@ -449,11 +449,11 @@ class Comparison(PagedResult):
 
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return values of both sides, counts, chi-square and largest differences, for every other."""
-        return report.comparison_text.show_comparison(self.ours, self.found)
+        return report.texts.show_comparison(self.ours, self.found)
 
     def _describe(self) -> dict[str, object]:
         head = {"robot": self.ours.identified.robot.name, "estimate": show_path(self.ours.source)}
-        others = [report.comparison_text.describe_compared(found) for found in self.found]
+        others = [report.texts.describe_compared(found) for found in self.found]
         return {**head, "others": others, "gate": self.gate, "accepted": self.accepted}
 
 

@@ -63,7 +63,16 @@ def identify_command(
     and its parameters are identified for every joint that moves. The verdict comes first; exit code 1 if
     it is wrong.
     """
-    _check_mixed({**further, "method": method}, rows)
+    # Options for friction laws do not go with other rows, nor other options with friction laws.
+    asked, options = rows == "friction", {**further, "method": method}
+    laws, others = (list_options(kind).keys() for kind in (symid.LawOptions, symid.IdentifyOptions))
+    strange = others - laws if asked else laws - others
+    given = _list_given({name: value for name, value in options.items() if name in strange})
+    if given:
+        what = "" if asked else f"--rows {rows or 'torque'}; they belong to "
+        them = "them" if given[1:] else "it"
+        text = f"{', '.join(given)} cannot be used with {what}--rows friction; leave {them} out"
+        raise UsageError(Notice(code="usage.mixed-options", text=text))
     # Wrong settings are refused before anything else.
     model = robot.load(console, settings=settings)
     cli.check_output(output, page, force=force, inputs=(model.path, *logs))
@@ -74,8 +83,8 @@ def identify_command(
         before = replace(robot, source=str(known)).load(console)
     if rows == "friction":
         law = cli.take_record(symid.LawOptions, {**further, "known": before})
-        laws = model.identify_friction(logs, train=parts, settings=settings, options=law)
-        return _add_tests(answer_saved(laws, output, "result"), laws, tests, page)
+        friction = model.identify_friction(logs, train=parts, settings=settings, options=law)
+        return _add_tests(answer_saved(friction, output, "result"), friction, tests, page)
     if method == "stiffness":
         taken = ("cutoff", "decimate", "drop_first", "drop_last", "friction")
         cuts = {name: further.pop(name) for name in taken}
@@ -84,17 +93,17 @@ def identify_command(
             them = "them" if rest[1:] else "it"
             text = f"{', '.join(rest)} cannot be used with --method stiffness; leave {them} out"
             raise UsageError(Notice(code="usage.mixed-options", text=text))
-        given = {"filter_cutoff": cuts.pop("cutoff"), "decimation.factor": cuts.pop("decimate")}
-        settings |= {f"processing.{name}": value for name, value in given.items() if value is not None}
+        keyed = {"filter_cutoff": cuts.pop("cutoff"), "decimation.factor": cuts.pop("decimate")}
+        settings |= {f"processing.{name}": value for name, value in keyed.items() if value is not None}
         found = model.identify_stiffness(logs, train=parts, settings=settings, **cuts)
         return cli.add_page(answer_saved(found, output, "result"), found, page)
     if further["prior"] not in (None, "robot"):
         # The deviation is a factor on those of an estimate.
         further |= {"prior_percent": None, "prior_factor": further["prior_percent"]}
-    options = cli.take_record(
+    order = cli.take_record(
         symid.IdentifyOptions, {**further, "rows": rows, "method": method, "known": before}
     )
-    fit = model.identify(logs, train=parts, settings=settings, options=options)
+    fit = model.identify(logs, train=parts, settings=settings, options=order)
     return _add_tests(answer_saved(fit, output, "estimate"), fit, tests, page)
 
 
@@ -117,19 +126,6 @@ def _list_given(options: Mapping[str, object]) -> list[str]:
     return [
         _KNOWN[name].name_flag(name) if name in _KNOWN else f"--{name}" for name in options if name in given
     ]
-
-
-def _check_mixed(options: Mapping[str, object], rows: str | None) -> None:
-    """Refuse options for friction laws with other rows, and other options with friction laws."""
-    asked = rows == "friction"
-    laws, others = (list_options(kind).keys() for kind in (symid.LawOptions, symid.IdentifyOptions))
-    strange = others - laws if asked else laws - others
-    given = _list_given({name: value for name, value in options.items() if name in strange})
-    if given:
-        kind = rows or "torque"
-        what = "--rows friction" if asked else f"--rows {kind}; they belong to --rows friction"
-        text = f"{', '.join(given)} cannot be used with {what}; leave {'them' if given[1:] else 'it'} out"
-        raise UsageError(Notice(code="usage.mixed-options", text=text))
 
 
 @cli.verb("payload")

@@ -158,21 +158,6 @@ WHOLE, COUNT = click.IntRange(min=0), click.IntRange(min=1)
 FILE = click.Path(path_type=Path)
 
 
-def _choose_type(kind: Kind) -> Given:
-    """Return the type of click for the values of an option."""
-    match kind.name:
-        case "number":
-            low, high = (value if math.isfinite(value) else None for value in (kind.least, kind.most))
-            return Finite(min=low, max=high, min_open=kind.open)
-        case "whole":
-            return click.IntRange(min=int(kind.least))
-        case "words":
-            return click.Choice((*kind.words, *kind.beside))
-    if kind is FOUND:
-        return click.Path(path_type=Path, exists=True, dir_okay=False)
-    return {"file": FILE, "percent": click.FLOAT}.get(kind.name)
-
-
 def record_options(record: type[Options], *names: str, beside: type[Options] | None = None) -> Decorator:
     """Return the options of fields of a record: those named, else all that `beside` has not already."""
     known = list_options(record)
@@ -191,7 +176,18 @@ def record_options(record: type[Options], *names: str, beside: type[Options] | N
             settings = {}
         elif not entry.shown:
             settings["show_default"] = False
-        kind, named = _choose_type(entry.kind), f"{entry.name_flag(name)} {name}"
+        of = entry.kind
+        kind: Given = {"file": FILE, "percent": click.FLOAT}.get(of.name)
+        if of.name == "number":
+            low, high = (value if math.isfinite(value) else None for value in (of.least, of.most))
+            kind = Finite(min=low, max=high, min_open=of.open)
+        elif of.name == "whole":
+            kind = click.IntRange(min=int(of.least))
+        elif of.name == "words":
+            kind = click.Choice((*of.words, *of.beside))
+        elif of is FOUND:
+            kind = click.Path(path_type=Path, exists=True, dir_okay=False)
+        named = f"{entry.name_flag(name)} {name}"
         made.append(_option(entry.group, named, entry.meaning, kind, entry.metavar, **settings))
     return add_options(*made)
 

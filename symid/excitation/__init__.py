@@ -18,7 +18,6 @@ if TYPE_CHECKING:
         build_ta as build_ta,
         build_tb as build_tb,
         build_tc as build_tc,
-        build_trajectory as build_trajectory,
         is_trajectory as is_trajectory,
         read_trajectory as read_trajectory,
         scale_trajectory as scale_trajectory,

@@ -435,7 +435,20 @@ def build_motion(
             duration. LogError: the file is wrong.
     """
     if isinstance(given, str) and given in TRAJECTORY_NAMES:
-        return build_trajectory(robot, given, rng, duration=duration, joint=joint, scale=scale)
+        length = {} if duration is None else {"duration": duration}
+        if given == "fourier":
+            options = None if duration is None else FourierOptions(duration=duration)
+            named = build_random_fourier(robot, rng, options)
+        elif given == "tb":
+            named = build_tb(joint - 1, size=robot.freedom, **length)
+        elif given == "tc":
+            named = build_tc(size=robot.freedom, **length)
+        elif robot.freedom == _TA_JOINTS:
+            named = build_ta(**length)
+        else:
+            text = f"trajectory ta moves {_TA_JOINTS} joints, {robot.name} has {robot.freedom}; use fourier"
+            raise UsageError(Notice(code="usage.trajectory", text=text))
+        return scale_trajectory(named, scale)
     if isinstance(given, Trajectory):
         scaled = scale_trajectory(given, scale)
         return scaled if duration is None else replace(scaled, duration=duration)
@@ -465,32 +478,6 @@ def build_motion(
     names = ("time", "position", "velocity", "acceleration")
     kept: dict[str, Any] = {name: getattr(motion, name)[:count] for name in names}
     return replace(motion, **kept)
-
-
-def build_trajectory(
-    robot: Robot,
-    name: str,
-    rng: np.random.Generator,
-    *,
-    duration: float | None = None,
-    joint: int = 1,
-    scale: float = 1.0,
-) -> Trajectory:
-    """Return the trajectory `name`, amplitudes times `scale`; a UsageError if it does not fit the robot."""
-    length = {} if duration is None else {"duration": duration}
-    if name == "fourier":
-        options = None if duration is None else FourierOptions(duration=duration)
-        found = build_random_fourier(robot, rng, options)
-    elif name == "tb":
-        found = build_tb(joint - 1, size=robot.freedom, **length)
-    elif name == "tc":
-        found = build_tc(size=robot.freedom, **length)
-    elif robot.freedom == _TA_JOINTS:
-        found = build_ta(**length)
-    else:
-        text = f"trajectory ta moves {_TA_JOINTS} joints, {robot.name} has {robot.freedom}; use fourier"
-        raise UsageError(Notice(code="usage.trajectory", text=text))
-    return scale_trajectory(found, scale)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

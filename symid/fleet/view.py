@@ -163,32 +163,6 @@ def compute_scatter(series: Sequence[_Series]) -> dict[tuple[object, ...], float
     return factors
 
 
-def _test_series(entry: _Series, factor: float) -> RobotChange:
-    """Return the largest change of a series, wherever it is, with its probability by chance."""
-    weights = (factor * entry.stds) ** -2
-    before, above = np.cumsum(weights)[:-1], np.cumsum(weights * entry.values)[:-1]
-    after, rest = weights.sum() - before, weights @ entry.values - above
-    std = np.sqrt(1.0 / before + 1.0 / after)
-    z = np.abs(rest / after - above / before) / std
-    # Several fits of one night are not cut apart.
-    cuts = np.array([first != second for first, second in zip(entry.nights, entry.nights[1:], strict=False)])
-    place = int(np.argmax(np.where(cuts, z, -1.0)))
-    single = 2.0 * float(ndtr(-z[place]))
-    of = entry.of._asdict()
-    del of["kind"]
-    return RobotChange(
-        **of,
-        since=entry.nights[place + 1],
-        before=float(above[place] / before[place]),
-        after=float(rest[place] / after[place]),
-        std=float(std[place]),
-        p=-math.expm1(int(cuts.sum()) * math.log1p(-min(single, 1.0 - 1e-16))),
-        adjusted=1.0,
-        values=tuple(entry.values.tolist()),
-        nights=entry.nights,
-    )
-
-
 def adjust_probabilities(p: FloatArray, control: Control) -> FloatArray:
     """Return p (m,), adjusted for m comparisons: reject where it is at most the level.
 
@@ -211,13 +185,40 @@ def find_changes(
     """Return the changes that are no chance, the surest first; see the top of this file."""
     series = _collect_series(rows)
     factors = compute_scatter(series)
-    known = [(entry, factors[entry.of.kind, entry.of.quantity, entry.of.residual]) for entry in series]
-    tested = [_test_series(entry, factor) for entry, factor in known if factor > 0.0]
+    tested = list[RobotChange]()
+    for entry in series:
+        factor = factors[entry.of.kind, entry.of.quantity, entry.of.residual]
+        if not factor > 0.0:
+            continue
+        # The largest change of a series, wherever it is, with its probability by chance.
+        weights = (factor * entry.stds) ** -2
+        before, above = np.cumsum(weights)[:-1], np.cumsum(weights * entry.values)[:-1]
+        after, rest = weights.sum() - before, weights @ entry.values - above
+        std = np.sqrt(1.0 / before + 1.0 / after)
+        z = np.abs(rest / after - above / before) / std
+        # Several fits of one night are not cut apart.
+        cuts = np.array([one != other for one, other in zip(entry.nights, entry.nights[1:], strict=False)])
+        place = int(np.argmax(np.where(cuts, z, -1.0)))
+        single = 2.0 * float(ndtr(-z[place]))
+        of = entry.of._asdict()
+        del of["kind"]
+        change = RobotChange(
+            **of,
+            since=entry.nights[place + 1],
+            before=float(above[place] / before[place]),
+            after=float(rest[place] / after[place]),
+            std=float(std[place]),
+            p=-math.expm1(int(cuts.sum()) * math.log1p(-min(single, 1.0 - 1e-16))),
+            adjusted=1.0,
+            values=tuple(entry.values.tolist()),
+            nights=entry.nights,
+        )
+        tested.append(change)
     if not tested:
         return ()
-    pairs = zip(tested, adjust_probabilities(np.array([entry.p for entry in tested]), control), strict=True)
-    found = [replace(entry, adjusted=float(q)) for entry, q in pairs if q <= level]
-    return tuple(sorted(found, key=lambda entry: (entry.p, -abs(entry.sigma), entry.name, entry.quantity)))
+    pairs = zip(tested, adjust_probabilities(np.array([one.p for one in tested]), control), strict=True)
+    found = [replace(one, adjusted=float(q)) for one, q in pairs if q <= level]
+    return tuple(sorted(found, key=lambda one: (one.p, -abs(one.sigma), one.name, one.quantity)))
 
 
 @final

@@ -15,7 +15,7 @@ import numpy as np
 
 from symid import logs as log_files
 from symid.errors import LogError, Notice, UsageError
-from symid.excitation import Trajectory, build_trajectory
+from symid.excitation import ReferenceMotion, build_motion
 from symid.identification import diagnostics, elastic, estimators, rigid as rigids
 from symid.identification.friction import FrictionIdentification, set_identified_friction, validate_friction
 from symid.identification.identify import Pairs, TaskContext
@@ -86,7 +86,7 @@ class FrictionValidation(FitValidation):
 class TrackingComparison:
     """Closed loops along one trajectory, the first of rigid joints, and the methods of the others."""
 
-    trajectory: Trajectory
+    trajectory: ReferenceMotion
     runs: tuple[elastic.TrackingRun, ...]
     methods: Mapping[str, str]
     seed: int | None
@@ -99,7 +99,7 @@ class TrackingTask:
     `against` are further estimates to compare with, by where they come from.
     """
 
-    trajectory: Trajectory
+    trajectory: ReferenceMotion
     seed: int | None = None
     against: tuple[tuple[str, elastic.ElasticEstimate], ...] = ()
 
@@ -290,7 +290,7 @@ def build_tracking_task(
     robot: Robot, seed: int | None, against: tuple[tuple[str, elastic.ElasticEstimate], ...] = ()
 ) -> TrackingTask:
     """Return a motion to follow: that made for validation, or a random one of `seed`; see `TrackingTask`."""
-    trajectory = build_trajectory(robot, "tc" if seed is None else "fourier", np.random.default_rng(seed))
+    trajectory = build_motion(robot, "tc" if seed is None else "fourier", np.random.default_rng(seed))
     return TrackingTask(trajectory=trajectory, seed=seed, against=against)
 
 

@@ -4,12 +4,18 @@ Robot, book -> `Chapter`s of `Item`s: frames, transforms, velocities, Jacobian, 
 that formulas start from. Text and formulas only: `page` draws them. In texts `$...$` is LaTeX. A formula with
 a `code` has a value at the posture that the reader chooses, from the formula itself.
 
-Supported: robots of the exact algebra. Not supported: more than one tool; loops.
+A language has sentences for those in English, `templates/lesson/LANGUAGE.toml`, in which {0}, {1} stand for
+what differs from robot to robot. Such a part is translated too where the table has it.
+
+Supported: robots of the exact algebra; English and German. Not supported: more than one tool; loops; texts of
+robot files and comments of code in other languages than their own.
 """
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import tomllib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from itertools import combinations_with_replacement, product
 from typing import TypeAlias
 
@@ -17,6 +23,7 @@ import numpy as np
 from sympy.polys.rings import PolyElement
 
 from symid import dynamics
+from symid.environment import locate_resource_folder
 from symid.errors import Notice, SymidError
 from symid.lessons import textbook
 from symid.lessons.matrices import (
@@ -26,13 +33,60 @@ from symid.lessons.matrices import (
     derive_standard_transforms,
     find_standard_rows,
 )
-from symid.lessons.words import Words
 from symid.notation import INERTIAL
 from symid.robot import Exact, Placement, Robot
 
 WRITTEN_OUT = 3
 """Joints up to which a lesson writes everything out."""
 Writer: TypeAlias = Callable[[str], str]
+LANGUAGES = ("en", "de")
+Words: TypeAlias = Callable[[str], str]
+"""A text in English to the same in the language of a lesson; one that the table has not stays."""
+
+
+@cache
+def load_pairs(language: str) -> Mapping[str, str]:
+    """Return the sentences of a language by those in English; none for English itself."""
+    path = locate_resource_folder("templates") / "lesson" / f"{language}.toml"
+    if language == "en":
+        return {}
+    return dict(tomllib.loads(path.read_text(encoding="utf-8"))["pairs"])
+
+
+@cache
+def load_words(language: str) -> Words:
+    """Return what translates texts to one of `LANGUAGES`."""
+    pairs = load_pairs(language)
+    patterns = []
+    # The longest first: what has fewer parts that differ is meant.
+    for text in sorted((text for text in pairs if "{0}" in text), key=len, reverse=True):
+        # All texts of a form with {0}, {1}; only behind a sign at the end are lists.
+        pieces, seen, pattern = re.split(r"\{(\d)\}", text), set[str](), ""
+        for k, piece in enumerate(pieces):
+            if k % 2 == 0:
+                pattern += re.escape(piece)
+                continue
+            ends = k == len(pieces) - 2 and not pieces[-1] and pieces[k - 1].endswith((": ", ". "))
+            any_text = ".+?" if ends else "(?:(?!; |: ).)+?"
+            pattern += f"(?P=part{piece})" if piece in seen else f"(?P<part{piece}>{any_text})"
+            seen.add(piece)
+        patterns.append((re.compile(pattern, re.DOTALL), pairs[text]))
+
+    def translate(text: str) -> str:
+        if text in pairs:
+            return pairs[text]
+        for pattern, form in patterns:
+            if match := pattern.fullmatch(text):
+                parts = {name: translate(part) for name, part in match.groupdict().items()}
+                pieces = enumerate(re.split(r"\{(\d)\}", form))
+                return "".join(parts[f"part{piece}"] if k % 2 else piece for k, piece in pieces)
+        # A list of reasons, each behind its names.
+        for mark in ("; ", ": ") if pairs else ():
+            if mark in text:
+                return mark.join(map(translate, text.split(mark)))
+        return text
+
+    return translate
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +130,50 @@ class Chapter:
     title: str
     anchor: str
     items: tuple[Item, ...]
+
+
+@cache
+def _load_texts() -> Mapping[str, tuple[str, tuple[str, ...]]]:
+    """Return titles and paragraphs of all chapters, by their addresses."""
+    text = (locate_resource_folder("templates") / "lesson" / "chapters.md").read_text(encoding="utf-8")
+    found = {}
+    for part in text.split("\n# ")[1:]:
+        head, *paragraphs = (" ".join(lines.split()) for lines in part.strip().split("\n\n"))
+        title, _, key = head.removesuffix("}").rpartition(" {")
+        found[key] = title, tuple(paragraphs)
+    return found
+
+
+def fill_chapter(key: str, book: textbook.Book, **parts: str | int | Iterable[Item]) -> Chapter:
+    """Return a chapter of `templates/lesson/chapters.md` in the letters of a book, its parts put in."""
+    title, paragraphs = _load_texts()[key]
+    letters = {"M": book.mass, "C": book.coriolis, "g": book.gravity, "tau": book.torque, "T": book.kinetic}
+    letters |= {"V": book.potential, "q": book.coordinates, "angle": book.angle, "slide": book.slide}
+    letters |= {"a": book.length, "d": book.offset, "s": book.sine, "c": book.cosine}
+    letters |= {name: str(part) for name, part in parts.items() if isinstance(part, str | int)}
+    lists = {name: tuple(part) for name, part in parts.items() if not isinstance(part, str | int)}
+    items: list[Item] = []
+    for paragraph in paragraphs:
+        condition = re.match(r"\?(!?)(\w+) ", paragraph)
+        if condition and bool(lists.get(condition[2], parts[condition[2]])) is bool(condition[1]):
+            continue
+        text = paragraph[condition.end() :] if condition else paragraph
+        text = re.sub(r"<(\w+)>", lambda match: letters[match[1]], text)
+        mark, _, rest = text.partition(" ")
+        if listed := re.fullmatch(r"(?:\+(\d*) (.*) )?\{\{(\w+)\}\}", text):
+            most, summary, inner = listed[1], listed[2], lists[listed[3]]
+            if summary is None or (most and len(inner) <= int(most)):
+                items += inner
+            else:
+                items.append(Item("details", f"{summary} ({len(inner)})" if most else summary, items=inner))
+        elif widget := re.fullmatch(r"\[\[([\w-]+)\]\]", text):
+            items.append(Item("widget", widget[1]))
+        elif mark == "$$":
+            items.append(show(rest.removesuffix(" $$")))
+        else:
+            kind = {">": "check", "~": "hint"}.get(mark)
+            items.append(Item(kind, rest) if kind else say(text))
+    return Chapter(title, key.partition(" ")[0], tuple(items))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -297,62 +395,37 @@ def _write_standard_row(
     return (*start, str(index) if index else "base", f"${length}$", f"${turn}$", d, theta)
 
 
-def _write_table(writer: ChapterWriter) -> Iterator[Item]:
-    """Yield the table of frames: standard rows where book and robot have them, else modified ones."""
-    book, robot = writer.book, writer.model.robot
-    a, d = rf"${book.length}$", rf"${book.offset}$"
-    standard = find_standard_rows(robot) if book.standard else ()
-    if standard:
-        yield say(
-            f"Frame $j$ is fixed to link $j$; its $z$ axis is the axis of joint $j + 1$. The table has the "
-            f"standard Denavit-Hartenberg parameters: from frame $j - 1$, turn by $\\theta$ about its $z$ "
-            f"axis, the axis of joint $j$, move by {d} along it, move by {a} along the new $x$ axis, turn by "
-            f"$\\alpha$ about it."
-        )
-        head = ("joint", "name", "type", "parent", a, r"$\alpha$", d, r"$\theta$")
-        yield Item(
-            "table",
-            rows=(head, *(_write_standard_row(writer, k, *row) for k, row in enumerate(standard))),
-        )
-        yield say(
-            "Below, from the velocities on, frame $j$ is the one that the table reaches after its first two "
-            "steps: its $z$ axis is the axis of joint $j$ itself, so that the parameters of link $j$ are "
-            "about its own axis. The drawing shows these frames."
-        )
-        return
-    yield say(
-        f"Every link has a frame whose $z$ axis is the axis of its joint. The table has the modified "
-        f"Denavit-Hartenberg parameters: from the frame of the parent, turn by $\\alpha$ about $x$, move by "
-        f"{a} along it, turn by $\\theta$ about the new $z$, move by {d} along it."
-    )
-    if robot.convention == "standard":
-        yield say("The file has standard rows; they were converted exactly.")
-    head = ("joint", "name", "type", "parent", r"$\alpha$", a, r"$\theta$", d)
-    yield Item("table", rows=(head, *(_write_row(writer, index) for index in range(robot.size))))
-
-
 def write_frames(writer: ChapterWriter) -> Chapter:
-    """Return the chapter on the frames."""
-    model = writer.model
-    items = [*_write_table(writer), Item("widget", "frames")]
-    if model.lengths:
-        named = [
-            (f"${writer.symbol(name)}$", f"{value:g}", "m/s²" if name == "g" else "m")
-            for name, value in model.lengths.items()
-        ]
-        items.append(say("Lengths of the file have names, so that formulas show where they come from:"))
-        items.append(Item("table", rows=(("letter", "value", "unit"), *named)))
+    """Return the chapter on the frames: standard rows where book and robot have them, else modified ones."""
+    model, book = writer.model, writer.book
+    robot, a, d = model.robot, rf"${book.length}$", rf"${book.offset}$"
+    standard = find_standard_rows(robot) if book.standard else ()
+    head = ("joint", "name", "type", "parent", r"$\alpha$", a, r"$\theta$", d)
+    rows = [_write_row(writer, index) for index in range(robot.size)]
+    if standard:
+        head = ("joint", "name", "type", "parent", a, r"$\alpha$", d, r"$\theta$")
+        rows = [_write_standard_row(writer, k, *row) for k, row in enumerate(standard)]
+    named = [
+        (f"${writer.symbol(name)}$", f"{value:g}", "m/s²" if name == "g" else "m")
+        for name, value in model.lengths.items()
+    ]
     followers = [
         rf"Joint {k} follows joint {joint.mimic.master + 1}: ${writer.coordinate(k - 1)} = "
         rf"{'-' if joint.mimic.multiplier < 0 else ''}{textbook.write_number(abs(joint.mimic.multiplier))}"
         rf"\,{writer.coordinate(joint.mimic.master)}$."
-        for k, joint in enumerate(model.robot.joints, start=1)
+        for k, joint in enumerate(robot.joints, start=1)
         if joint.mimic is not None
     ]
-    items += map(say, followers)
-    gravity = ", ".join(_write_exact(value, writer) for value in model.robot.gravity)
-    items.append(say(f"Gravity is $({gravity})$ in the base frame."))
-    return Chapter("Frames", "frames", tuple(items))
+    return fill_chapter(
+        "frames",
+        book,
+        standard=bool(standard),
+        converted=not standard and robot.convention == "standard",
+        table=[Item("table", rows=(head, *rows))],
+        lengths=[Item("table", rows=(("letter", "value", "unit"), *named))] if named else [],
+        followers=map(say, followers),
+        gravity=", ".join(_write_exact(value, writer) for value in robot.gravity),
+    )
 
 
 def write_matrix(left: str, rows: Sequence[Sequence[str]]) -> Item:
@@ -361,25 +434,10 @@ def write_matrix(left: str, rows: Sequence[Sequence[str]]) -> Item:
     return Item("matrix", latex=rf"{left} = \begin{{bmatrix}} {body} \end{{bmatrix}}")
 
 
-def _fold(items: Sequence[Item], title: str, most: int = 4) -> tuple[Item, ...]:
-    """Return the items, closed under a title where there are many."""
-    if len(items) <= most:
-        return tuple(items)
-    return (Item("details", f"{title} ({len(items)})", items=tuple(items)),)
-
-
 def write_kinematics(writer: ChapterWriter) -> Iterator[Chapter]:
     """Yield the chapters from the transforms to the Jacobian."""
     recursion, robot, algebra = build_model_recursion(writer.model), writer.model.robot, writer.model.algebra
-    standard = derive_standard_transforms(writer.model) if writer.book.standard else ()
-    s, c = writer.book.sine, writer.book.cosine
-    short = (
-        f"${s}_j$ and ${c}_j$ stand for sine and cosine of the angle of joint $j$, ${c}_{{12}}$ for the "
-        "cosine of the sum of two."
-    )
-    frames = "Rotation and origin of the frame of link $j$, in the frame of its parent:"
-    if standard:
-        frames = "The same for the frames of the velocities below, each in that of the link before:"
+    standard, book = derive_standard_transforms(writer.model) if writer.book.standard else (), writer.book
     matrices = []
     for index, frame in enumerate(recursion.frames):
         rotation = frame.fixed
@@ -389,86 +447,36 @@ def write_kinematics(writer: ChapterWriter) -> Iterator[Chapter]:
             rotation = algebra.multiply_matrices(rotation, turn)
         left = rf"{{}}^{{{robot.joints[index].parent + 1}}}T_{{{index + 1}}}"
         matrices.append(_write_transform(writer, left, rotation, frame.origin))
-    items: tuple[Item, ...] = (
-        *_write_standard(writer, standard),
-        *(() if writer.book.long else (say(short),)),
-        say(frames),
-        *_fold(matrices, "All transforms"),
-    )
-    yield Chapter("Transforms", "transforms", items)
-    law = (
-        r"\omega_j = R_j^{\mathsf T}\,\omega_{j-1} + \dot q_j\, z, \qquad "
-        r"v_j = R_j^{\mathsf T}\,(v_{j-1} + \omega_{j-1}\times p_j)"
-    )
-    shown = range(robot.size) if robot.size <= WRITTEN_OUT + 1 else range(3)
-    vectors = []
-    for index in shown:
-        motion = recursion.motions[index]
-        for letter, vector in ((r"\omega", motion.angular), ("v", motion.linear)):
-            vectors.append(write_matrix(rf"{letter}_{{{index + 1}}}", [[writer.latex(x)] for x in vector]))
-    items = (
-        say(
-            r"From the base outwards: the velocity of the link before, in the axes of this link, plus that "
-            r"of its own joint. $R_j$ and $p_j$ are rotation and origin in the transform above. At a "
-            r"revolute joint,"
-        ),
-        show(law.replace(r"\dot q", rf"\dot {writer.book.angle}")),
-        say(rf"A prismatic joint adds $\dot {writer.book.slide}_j\, z$ to $v_j$ instead."),
-        *_fold(vectors, "Velocities of the links", 8),
-    )
-    if len(shown) < robot.size:
-        items += (say("The links beyond go on in the same way; below, composite bodies take their place."),)
-    yield Chapter("Velocities", "velocities", items)
-    items = (
-        say(
-            "The column of joint $j$ is the velocity of the last link, at the origin $p_e$ of the last frame "
-            "of the table, per unit of its rate. With the axis $z_j$ and a point $p_j$ on it, in the base "
-            "frame, it is for a revolute joint, and for a prismatic one,"
-        ),
-        show(
-            r"J_j = \begin{bmatrix} z_j \times (p_e - p_j) \\ z_j \end{bmatrix}, \qquad "
-            r"J_j = \begin{bmatrix} z_j \\ 0 \end{bmatrix}."
-        ),
-    )
-    if robot.size <= WRITTEN_OUT + 1:
+    # The matrices A of standard rows, and for short robots their product.
+    rows, product = [], []
+    for number, (rotation, origin) in enumerate(standard, start=1):
+        above = f"^{{{number - 1}}}" if book.name == "siciliano" else ""
+        rows.append(_write_transform(writer, f"A{above}_{{{number}}}", rotation, origin))
+    if 1 < len(standard) <= WRITTEN_OUT:
+        (rotation, origin), *others = standard
+        for turn, place in others:
+            origin = algebra.add_vectors(algebra.apply_matrix(rotation, place), origin)
+            rotation = algebra.multiply_matrices(rotation, turn)
+        product = [_write_transform(writer, f"T^{{0}}_{{{len(standard)}}}", rotation, origin)]
+    transforms = {"rows": rows, "product": product, "matrices": matrices}
+    yield fill_chapter("transforms", book, **transforms, long=book.long)
+    beyond = robot.size > WRITTEN_OUT + 1
+    vectors = [
+        write_matrix(rf"{letter}_{{{index + 1}}}", [[writer.latex(x)] for x in vector])
+        for index, motion in enumerate(recursion.motions[: 3 if beyond else robot.size])
+        for letter, vector in ((r"\omega", motion.angular), ("v", motion.linear))
+    ]
+    yield fill_chapter("velocities", book, vectors=vectors, beyond=beyond)
+    if not beyond:
         folded = (dynamics.fold_vector(robot, algebra, row) for row in dynamics.compute_jacobian(recursion))
-        items += (write_matrix("J", [list(map(writer.latex, row)) for row in folded]),)
+        columns = [write_matrix("J", [list(map(writer.latex, row)) for row in folded])]
     else:
-        for k, pose in enumerate(dynamics.compute_poses(recursion)[:3], start=1):
-            axis, origin = [row[2] for row in pose.rotation], pose.origin
-            items += (write_matrix(rf"z_{{{k}}}", [[writer.latex(x)] for x in axis]),)
-            items += (write_matrix(rf"p_{{{k}}}", [[writer.latex(x)] for x in origin]),)
-        items += (say("Those beyond are products of the transforms; their numbers follow the posture."),)
-    items += (Item("widget", "jacobian"),)
-    yield Chapter("Jacobian", "jacobian", items)
-
-
-def _write_standard(
-    writer: ChapterWriter,
-    transforms: Sequence[tuple[dynamics.Matrix[PolyElement], dynamics.Vector[PolyElement]]],
-) -> Iterator[Item]:
-    """Yield the matrices A of standard rows, and for short robots their product."""
-    if not transforms:
-        return
-    algebra, upper = writer.model.algebra, writer.book.name == "siciliano"
-    yield say("A row of the table is a homogeneous transform, from frame $j - 1$ to frame $j$:")
-    total: tuple[dynamics.Matrix[PolyElement], dynamics.Vector[PolyElement]] | None = None
-    items = []
-    for number, (rotation, origin) in enumerate(transforms, start=1):
-        items.append(
-            _write_transform(
-                writer, f"A{f'^{{{number - 1}}}' if upper else ''}_{{{number}}}", rotation, origin
-            )
-        )
-        if total is None:
-            total = rotation, origin
-        else:
-            moved = algebra.add_vectors(algebra.apply_matrix(total[0], origin), total[1])
-            total = algebra.multiply_matrices(total[0], rotation), moved
-    yield from _fold(items, "All matrices $A$")
-    if total is not None and 1 < len(transforms) <= WRITTEN_OUT:
-        yield say("Their product places the last frame in the base:")
-        yield _write_transform(writer, f"T^{{0}}_{{{len(transforms)}}}", *total)
+        columns = [
+            write_matrix(rf"{letter}_{{{k}}}", [[writer.latex(x)] for x in vector])
+            for k, pose in enumerate(dynamics.compute_poses(recursion)[:3], start=1)
+            for letter, vector in (("z", [row[2] for row in pose.rotation]), ("p", pose.origin))
+        ]
+    yield fill_chapter("jacobian", book, matrices=columns, beyond=beyond)
 
 
 def _write_transform(
@@ -488,7 +496,6 @@ def write_base(writer: ChapterWriter) -> Chapter:
     """Return the chapter on base parameters, each group with its reason."""
     model = writer.model
     robot, base = model.robot, model.base
-    total = sum(name in (*INERTIAL, "IA", "KS", "KR") for _, name in base.labels)
     rows = [("name", "stands for", "why", "show")]
     for entry in base.parameters:
         # The drawing shows what lies on the axis of a joint: of the first such member of the group.
@@ -503,32 +510,27 @@ def write_base(writer: ChapterWriter) -> Chapter:
     for lost in base.eliminated:
         gone.setdefault(lost.reason, []).append(f"${writer.symbol(dynamics.write_label(robot, lost.label))}$")
     lost_rows = (("eliminated", "why"), *((", ".join(names), reason) for reason, names in gone.items()))
-    lost_title = f"What no torque shows alone ({len(base.eliminated)} parameters)"
-    items = [
-        say(
-            f"The energies are linear in the {total} standard parameters of links, rotors and springs. Only "
-            f"{base.count} combinations of them change any torque: the base parameters, found exactly from "
-            f"the energies (Gautier and Khalil 1990). Each has a reason."
-        ),
-        Item("hint", 'A button "show" plays the motion that does not separate the members of a group.'),
-        Item("table", rows=tuple(rows), text="base"),
-        Item("details", lost_title, items=(Item("table", rows=lost_rows),)),
-    ]
     own = writer
     if model.form == "base" and writer.book.bodies:
         # Of a long robot, whose formulas are in base parameters.
         own = replace(writer, model=build_model(robot, "bodies", book=writer.book))
+    formulas: dict[str, list[Item]] = {"bodies": [], "symbols": [], "closed": []}
     if own.model.form != "base":
-        formulas = []
+        listed = formulas[own.model.form if own is writer else "closed"]
         for entry in base.parameters:
             left, value = writer.symbol(entry.name), own.model.parameters[entry.label]
             unit = dynamics.get_label_unit(robot, entry.label)
-            formulas.append(own.formula(left, value, f"beta_{entry.name}", unit))
-        title = "In masses, centres of mass and central inertias"
-        if own.model.form == "symbols":
-            title = "In the letters of the robot file"
-        items += [say(f"{title}:"), *formulas] if own is writer else _fold(formulas, title, 0)
-    return Chapter("Base parameters", "base", tuple(items))
+            listed.append(own.formula(left, value, f"beta_{entry.name}", unit))
+    return fill_chapter(
+        "base",
+        writer.book,
+        total=sum(name in (*INERTIAL, "IA", "KS", "KR") for _, name in base.labels),
+        count=base.count,
+        groups=[Item("table", rows=tuple(rows), text="base")],
+        lost=len(base.eliminated),
+        eliminated=[Item("table", rows=lost_rows)],
+        **formulas,
+    )
 
 
 def _write_group(writer: ChapterWriter, entry: dynamics.BaseParameter) -> str:

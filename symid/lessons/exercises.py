@@ -48,10 +48,9 @@ from symid.dynamics import ExactAlgebra, PointAlgebra
 from symid.environment import locate_resource_folder
 from symid.errors import InputError, Notice
 from symid.lessons import textbook
-from symid.lessons.chapters import WRITTEN_OUT, Lesson, list_items, list_slides
+from symid.lessons.chapters import LANGUAGES, WRITTEN_OUT, Lesson, Words, list_items, list_slides, load_words
 from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.matrices import Parameterisation
-from symid.lessons.words import LANGUAGES, Words, load_words
 from symid.robot import Robot
 
 MOST_EXERCISES = 50
@@ -235,7 +234,7 @@ def mark_sheet(robot: Robot, sheet: AnswerSheet, file: str, lang: str = "") -> t
     settings = {"notation": "symid", "seed": "0", "lang": "en", **sheet.settings}
     form, angle = settings.get("parameters"), settings.get("angle")
     known = form in (None, "base", "symbols", "bodies") and angle in (None, "q", "theta")
-    known = known and settings["notation"] in textbook.BOOK_NAMES and settings["lang"] in LANGUAGES
+    known = known and settings["notation"] in textbook.load_books() and settings["lang"] in LANGUAGES
     if not (known and settings["seed"].isdigit() and settings.get("exercises", "").isdigit()):
         text = "its line with settings was changed: it has exercises, seed, notation, parameters, angle, lang"
         raise InputError(Notice(code="lesson.settings", text=text, file=file))

@@ -27,7 +27,7 @@ from sympy import QQ, Expr, S, Symbol, preorder_traversal
 from sympy.polys.rings import PolyElement, PolyRing
 
 from symid import dynamics
-from symid.lessons.textbook import AngleSums, Book, build_angle_sums, get_book, write_sum
+from symid.lessons.textbook import AngleSums, Book, build_angle_sums, write_sum
 from symid.notation import INERTIAL
 from symid.robot import (
     IDENTITY,
@@ -44,7 +44,7 @@ from symid.robot import (
 Parameterisation: TypeAlias = Literal["base", "symbols", "bodies"]
 Polynomials: TypeAlias = tuple[PolyElement, ...]
 PolynomialMatrix: TypeAlias = tuple[Polynomials, ...]
-PLAIN_BOOK = get_book("symid")
+PLAIN_BOOK = Book(name="symid")
 _Vector: TypeAlias = "dynamics.Vector[PolyElement]"
 
 
@@ -290,31 +290,26 @@ def build_model_recursion(model: LessonModel) -> dynamics.Recursion[PolyElement]
     return dynamics.build_recursion(model.robot, model.algebra, state)
 
 
-def derive_energies(model: LessonModel) -> tuple[PolyElement, PolyElement]:
-    """Return kinetic and potential energy, rotors and springs included, up to a constant."""
-    algebra, recursion = model.algebra, build_model_recursion(model)
-    kinetic, potential = algebra.zero, algebra.zero
-    for link, motion in enumerate(recursion.motions):
-        body = dynamics.gather_body(algebra, model.parameters, link)
-        moving, resting = dynamics.compute_body_energy(algebra, body, motion)
-        kinetic, potential = kinetic + moving, potential + resting
-    for key, value in model.parameters.items():
-        if key[1] not in INERTIAL:
-            moving, resting = dynamics.compute_drive_energy(recursion, key)
-            kinetic += algebra.mul(value, moving)
-            potential += algebra.mul(value, resting)
-    # Terms that no coordinate takes part in are left out.
-    moving = [re.fullmatch(r"[scq]\d+", str(symbol)) for symbol in algebra.ring.symbols]
-    terms = {key: n for key, n in potential.items() if any(compress(key, moving))}
-    return kinetic, algebra.ring.from_dict(terms)
-
-
 def derive_equations(model: LessonModel) -> Equations:
-    """Return M by composite bodies, C from its slopes, g from the potential."""
+    """Return M by composite bodies, C from its slopes, g from the potential, energies from the motions."""
     robot, algebra = model.robot, model.algebra
     recursion = build_model_recursion(model)
     mass = dynamics.fold_matrix(robot, algebra, dynamics.compute_mass_matrix(recursion, model.parameters))
-    kinetic, potential = derive_energies(model)
+    # Both energies, rotors and springs included, up to a constant.
+    kinetic, potential = algebra.zero, algebra.zero
+    for link, motion in enumerate(recursion.motions):
+        body = dynamics.gather_body(algebra, model.parameters, link)
+        parts = dynamics.compute_body_energy(algebra, body, motion)
+        kinetic, potential = kinetic + parts[0], potential + parts[1]
+    for key, value in model.parameters.items():
+        if key[1] not in INERTIAL:
+            parts = dynamics.compute_drive_energy(recursion, key)
+            kinetic += algebra.mul(value, parts[0])
+            potential += algebra.mul(value, parts[1])
+    # Terms that no coordinate takes part in are left out.
+    moving = [re.fullmatch(r"[scq]\d+", str(symbol)) for symbol in algebra.ring.symbols]
+    terms = {key: n for key, n in potential.items() if any(compress(key, moving))}
+    potential = algebra.ring.from_dict(terms)
     size, joints = robot.freedom, robot.coordinates
     # M is symmetric: M_ij where i <= j.
     slopes = {

@@ -1,4 +1,4 @@
-"""A lesson as one HTML file, its formulas typeset as it opens, its numbers the reader's; or in LaTeX.
+"""A lesson as one HTML file, its numbers the reader's; as a document for pdflatex; as a notebook.
 
 Robot -> chapters, the generated functions as JavaScript, geometry and values -> HTML. Formulas are set by
 KaTeX, whose script and fonts (MIT, see templates/lesson/katex) stand in the page; MathML is beside them for
@@ -7,16 +7,25 @@ screen readers. Nothing is loaded from elsewhere, and the same input gives the s
 The numbers come twice: from the formulas, and from the functions that code generation writes; the page shows
 how far they differ.
 
-Supported: all robots of the lesson. Not supported: readers without JavaScript, who see formulas as LaTeX.
+A notebook has cells with live SymPy objects between the chapters: M, C and g are those of `robot.sympy`, to
+differentiate and substitute; cells check what the text states, C against Christoffel symbols and the slope of
+the potential as expressions up to three joints, beyond that against the recursion in numbers. It is executed
+where nbclient and ipykernel are there; a cell that fails stops it.
+
+Supported: all robots of the lesson. Not supported: readers without JavaScript, who see formulas as LaTeX; in
+notebooks what only moves on the page.
 """
 
 import base64
 import json
 import re
+import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from html import escape
+from itertools import count
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,15 +34,18 @@ from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import choose_route, list_robot_specs, list_spring_parameters, write_javascript_function
 from symid.dynamics import derive_base_parameters, get_label_unit
 from symid.environment import locate_resource_folder
+from symid.errors import GenerationError, Notice
 from symid.lessons.chapters import (
-    Chapter,
+    WRITTEN_OUT,
     Item,
     Lesson,
+    Words,
+    fill_chapter,
     find_tip,
     list_items,
     list_slides,
-    say,
-    show,
+    load_pairs,
+    load_words,
     translate_chapter,
     write_marked,
 )
@@ -41,7 +53,6 @@ from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.exercises import Exercise, draw_exercises, list_spellings, load_spelling, write_sheet
 from symid.lessons.matrices import Parameterisation
 from symid.lessons.textbook import Book, get_book, write_name, write_symbol
-from symid.lessons.words import Words, load_pairs, load_words
 from symid.robot import Robot
 
 _SCRIPTS = ("formulas", "lesson", "identification")
@@ -63,12 +74,11 @@ _LEAD = (
     "Every formula was derived exactly from the robot file and checked by a second derivation. Numbers "
     "beside formulas are those at the posture of the sliders."
 )
-_HOW_TO_TYPE = (
-    "Type formulas as the page shows them, as `m2*lc2*g*cos(q1 + q2)`, or shorter, as `m2 lc2 g c12`; LaTeX "
-    "and the copied SymPy text are read too. They are compared with the answer at random points."
-)
-
-
+_LONGEST_LINE = 66
+"""Letters of a formula in a line of a notebook, without its commands."""
+_SECONDS = 600
+_NOTEBOOK_LEAD = "Every formula was derived exactly from the robot file and checked by a second derivation."
+_CELLS = "The cells between the chapters compute with the same objects in SymPy: change them."
 MOTION_RATE = 50.0
 """Hz, of the samples that the page's script takes of a motion."""
 
@@ -127,12 +137,20 @@ def write_lesson(
 def _write_page(lesson: Lesson, drawn: Sequence[Exercise], logged: LoggedMotion | None, words: Words) -> str:
     robot, book, chapters = lesson.robot, lesson.book, lesson.chapters
     if lesson.beta:
-        chapters = (*chapters, translate_chapter(_write_identification(lesson, logged), words))
+        taken = ", " if logged is None else f", or take the one of `{logged.name}`, "
+        chapters = (*chapters, translate_chapter(fill_chapter("identification", book, taken=taken), words))
     if drawn:
-        asked = (say(_HOW_TO_TYPE), *_list_marked_letters(lesson), Item("widget", "exercises"))
-        chapters = (*chapters, translate_chapter(Chapter("Exercises", "exercises", asked), words))
+        # How letters with marks are typed, one of each kind: of composite bodies, gravity and momenta.
+        slides, kinds = list_slides(robot), dict[str, str]()
+        for name in map(str, lesson.model.algebra.ring.symbols):
+            shown = write_symbol(name, book, slides)
+            if shown.startswith(("{}^", r"\overline", r"\ell", r"\dot", r"\ddot")):
+                kind = re.sub(r"\d", "", name)
+                kinds.setdefault(kind, f"${shown}$ `{write_name(name, book, slides)}`")
+        letters = ", ".join([*kinds.values()][:_MOST_KINDS])
+        chapters = (*chapters, translate_chapter(fill_chapter("exercises", book, letters=letters), words))
     folder = locate_resource_folder("templates") / "lesson"
-    numbers = iter(range(1, 100_000))
+    numbers = count(1)
     sections, contents = [], ""
     for place, chapter in enumerate(chapters, start=1):
         body = "\n".join(_write_item(item, numbers, words) for item in chapter.items)
@@ -161,6 +179,14 @@ def _write_page(lesson: Lesson, drawn: Sequence[Exercise], logged: LoggedMotion 
     lines: list[str] = []
     for spec in specs:
         lines += write_javascript_function(choose_route(robot, base, spec).program, exported=False)
+
+    asked = []
+    for one in drawn:
+        texts = {"prompt": one.prompt, "answer": one.answer, "note": one.note}
+        entries = [f'"{key}": {_write_json(text)}' for key, text in texts.items()]
+        entries += [f'"formula": (v) => {one.code}'] if one.code else []
+        entries += [] if one.number is None else [f'"number": {one.number!r}']
+        asked.append(f"{{ {', '.join(entries)} }}")
 
     def read(name: str) -> str:
         return (folder / name).read_text(encoding="utf-8")
@@ -192,7 +218,7 @@ def _write_page(lesson: Lesson, drawn: Sequence[Exercise], logged: LoggedMotion 
         "KATEX": read("katex/katex.min.js"),
         "FUNCTIONS": "\n".join(lines) + f"\nreturn {{ {', '.join(spec.name for spec in specs)} }};",
         "FORMULAS": ",\n".join(f"[{json.dumps(item.name)}, (v) => {item.code}]" for item in items),
-        "EXERCISES": ",\n".join(map(_write_exercise, drawn)),
+        "EXERCISES": ",\n".join(asked),
         "DATA": _write_json({**_describe(lesson), "log": log}),
         "SCRIPT": "".join(read(f"{name}.js") for name in _SCRIPTS),
     }
@@ -318,54 +344,6 @@ def _describe(lesson: Lesson) -> dict[str, object]:
     }
 
 
-def _write_identification(lesson: Lesson, logged: LoggedMotion | None) -> Chapter:
-    """Return the chapter in which a reader moves the robot and sees what the torques identify."""
-    tau, q = lesson.book.torque, lesson.book.coordinates
-    taken = ", " if logged is None else f", or take the one of `{logged.name}`, "
-    items = (
-        say(
-            rf"Torques are linear in the base parameters: ${tau} = Y({q}, \dot {q}, \ddot {q})\,\beta$. "
-            r"With independent noise of standard deviation $\sigma_j$ in each sample of the torque of joint "
-            r"$j$, the estimate of least squares has the covariance"
-        ),
-        show(
-            r"\operatorname{cov}\hat\beta = \Bigl(\sum_k Y_k^{\mathsf T}\, W\, Y_k\Bigr)^{-1}, \qquad "
-            r"W = \operatorname{diag}(\sigma_1^{-2}, \ldots, \sigma_n^{-2})."
-        ),
-        say(
-            "The sum grows with every sample: the longer and the richer the motion, the smaller the "
-            "deviations. What a motion does not move, or moves in one way only, is not identifiable, and "
-            f"the sum has no inverse. Design a motion{taken}and play it; $Y$ is that of generated code, at "
-            "50 samples a second; friction is known."
-        ),
-        Item("widget", "identification"),
-    )
-    return Chapter("What a motion identifies", "identification", items)
-
-
-def _list_marked_letters(lesson: Lesson) -> Iterator[Item]:
-    """Yield how letters with marks are typed, one of each kind: of composite bodies, gravity and momenta."""
-    slides, kinds = list_slides(lesson.robot), dict[str, str]()
-    for name in map(str, lesson.model.algebra.ring.symbols):
-        shown = write_symbol(name, lesson.book, slides)
-        if shown.startswith(("{}^", r"\overline", r"\ell", r"\dot", r"\ddot")):
-            typed = write_name(name, lesson.book, slides)
-            kinds.setdefault(re.sub(r"\d", "", name), f"${shown}$ `{typed}`")
-    if kinds:
-        listed = ", ".join([*kinds.values()][:_MOST_KINDS])
-        yield say(f"Letters with marks: {listed}.")
-
-
-def _write_exercise(one: Exercise) -> str:
-    texts = {"prompt": one.prompt, "answer": one.answer, "note": one.note}
-    parts = [f'"{key}": {_write_json(text)}' for key, text in texts.items()]
-    if one.code:
-        parts.append(f'"formula": (v) => {one.code}')
-    if one.number is not None:
-        parts.append(f'"number": {one.number!r}')
-    return f"{{ {', '.join(parts)} }}"
-
-
 # LaTeX.
 
 _TEX_MARKS = str.maketrans(
@@ -420,3 +398,162 @@ def _write_tex_item(item: Item) -> str:
             body = "\n".join([rf"{lines[0]} \hline\endhead", *lines[1:]])
             return rf"\begin{{longtable}}{{{columns}}}" + f"\n{body}\n" + r"\end{longtable}"
     return ""
+
+
+# Notebooks.
+
+
+def write_lesson_notebook(
+    robot: Robot,
+    book: Book,
+    form: Parameterisation | None,
+    folder: Path,
+    *,
+    language: str = "en",
+    title: str = "",
+    author: str = "",
+) -> tuple[str, bool]:
+    """Return the lesson on `robot` as a notebook in JSON, and whether it was executed, in `folder`.
+
+    A GenerationError says that a cell failed.
+    """
+    lesson, words = build_lesson(robot, book, form, language), load_words(language)
+    made = (
+        "The file has no inertial values: numbers are those of stand-in links of 3 kg and less.",
+        "The formulas do not depend on them.",
+    )
+    letters = f" {words('Letters as in {0}.').format(book.title)}" if book.title else ""
+    text = (
+        f"# {_mark_text(title) or words('{0}: equation of motion').format(_mark_text(robot.name))}\n\n"
+        + f"{_mark_text(author)}\n\n" * bool(author)
+        + f"{_mark_text(robot.description)}.\n\n{words(_NOTEBOOK_LEAD)}{letters} {words(_CELLS)}\n\n"
+        + (f"**{words(made[0])}** {words(made[1])}\n\n" if lesson.stand_ins else "")
+        + words("Written by symid {0}. SI units throughout.").format(__version__)
+    )
+    kinds, numbers = [("markdown", text)], count(1)
+    for number, chapter in enumerate(lesson.chapters, start=1):
+        lines = [
+            f"## {number} {chapter.title}",
+            *(_mark_item(item, numbers, words) for item in chapter.items),
+        ]
+        kinds.append(("markdown", "\n\n".join(filter(None, lines))))
+        kinds += [("code", cell) for cell in _list_code(lesson, chapter.anchor)]
+    cells: list[dict[str, Any]] = []
+    for k, (kind, text) in enumerate(kinds):
+        cells.append({"cell_type": kind, "id": f"cell-{k}", "metadata": {}, "source": text})
+        cells[-1] |= {"execution_count": None, "outputs": []} if kind == "code" else {}
+    notebook: dict[str, Any] = {
+        "nbformat": 4,
+        "nbformat_minor": 5,
+        "metadata": {"kernelspec": {"name": "python3", "display_name": "Python 3", "language": "python"}},
+        "cells": cells,
+    }
+    done = _execute(notebook, folder)
+    text = json.dumps(done or notebook, indent=1, sort_keys=True, ensure_ascii=False)
+    return f"{text}\n", done is not None
+
+
+def _execute(notebook: dict[str, Any], folder: Path) -> dict[str, Any] | None:
+    """Return the notebook with the outputs of its cells; None where no kernel is there."""
+    try:
+        import ipykernel  # noqa: F401  the kernel that nbclient starts
+        import nbclient
+        import nbformat
+    except ImportError:
+        return None
+    made = nbformat.from_dict(notebook)  # type: ignore[no-untyped-call]
+    # Times of execution would differ from run to run.
+    client = nbclient.NotebookClient(
+        made,
+        timeout=_SECONDS,
+        record_timing=False,
+        resources={"metadata": {"path": str(folder)}},
+        extra_arguments=["--IPKernelApp.log_level=50"],
+    )
+    try:
+        client.execute()
+    except nbclient.exceptions.CellExecutionError as error:
+        text = f"a cell of the notebook failed: {error.ename}: {error.evalue}; please report this robot"
+        raise GenerationError(Notice(code="lesson.cell", text=text)) from error
+    found: dict[str, Any] = json.loads(nbformat.writes(made))  # type: ignore[no-untyped-call]
+    return found
+
+
+def _mark_text(text: str, bar: str = "|") -> str:
+    """Return a text in Markdown, its $formulas$ and `code` as they are but for `bar` in place of |."""
+    return write_marked(
+        text,
+        lambda plain: re.sub(r"([*_<>\[\]|])", r"\\\1", plain),
+        lambda formula: f"${formula.replace('|', bar)}$",
+        lambda code: f"`{code.replace('|', bar)}`",
+    )
+
+
+def _mark_item(item: Item, numbers: Iterator[int], words: Words) -> str:
+    match item.kind:
+        case "text":
+            return _mark_text(item.text)
+        case "check":
+            return f"> \N{CHECK MARK} **{words('Checked')}**, {_mark_text(item.text)}."
+        case "formula" | "matrix":
+            return f"$$\n{_break_lines(item.latex)} \\tag{{{next(numbers)}}}\n$$"
+        case "table":
+            rows = [row[:3] if item.text == "base" else row for row in item.rows]
+            marked = [[_mark_text(text, bar=r"\vert ") for text in row] for row in rows]
+            head, *body = [f"| {' | '.join(row)} |" for row in marked]
+            return "\n".join([head, "|" + "---|" * len(rows[0]), *body])
+        case "details":
+            inside = "\n\n".join(filter(None, (_mark_item(inner, numbers, words) for inner in item.items)))
+            return f"<details><summary>{_mark_text(item.text)}</summary>\n\n{inside}\n\n</details>"
+    return ""
+
+
+def _break_lines(latex: str) -> str:
+    """Return an equation whose right side is broken at the sums of its outermost level where it is long."""
+    left, equals, right = latex.partition(" = ")
+    parts, depth, start = [], 0, 0
+    for k, letter in enumerate(right):
+        depth += (letter in "{([") - (letter in "})]")
+        if depth == 0 and letter in "+-" and right[k - 1 : k + 2] == f" {letter} ":
+            parts.append(right[start:k].strip())
+            start = k
+    parts.append(right[start:].strip())
+    lines = [""]
+    for part in parts:
+        joined = f"{lines[-1]} {part}".strip()
+        seen = re.sub(r"\\(?:mathit|mathrm|,|dot|overline)|[{}_^ ]|\\[a-z]+", "", joined)
+        lines[-1:] = [lines[-1], part] if lines[-1] and len(seen) > _LONGEST_LINE else [joined]
+    if not equals or len(lines) == 1 or r"\begin" in latex or r"\left" in latex:
+        return latex
+    body = r" \\ &\quad {} ".join(lines)
+    return rf"\begin{{aligned}} {left} &= {body} \end{{aligned}}"
+
+
+def _list_code(lesson: Lesson, anchor: str) -> Iterator[str]:
+    """Yield the cells that follow a chapter."""
+    folder, robot = locate_resource_folder("templates") / "lesson", lesson.robot
+    cells = tomllib.loads((folder / "cells.toml").read_text(encoding="utf-8"))
+    long = "" if robot.freedom <= WRITTEN_OUT else "long_"
+    match anchor:
+        case "frames":
+            # A robot that comes with symid has a name, another one the path of its file.
+            path = Path(robot.path)
+            inside = path.parent.resolve() == locate_resource_folder("robots").resolve()
+            name = repr(path.stem if inside else str(path.resolve()))
+            yield cells["frames"].format(name)
+        case "base":
+            yield "robot.base"
+        case "mass":
+            yield cells[f"{long}mass"]
+            if any(joint.form is not None for joint in robot.joints):
+                yield cells["formulas"]
+            q = [round(0.5 + 0.3 * (-1) ** k * (k + 1) / 2, 2) for k in range(robot.freedom)]
+            note = "stand-ins: the file has no values" if lesson.stand_ins else "the values of the robot file"
+            numbers = [repr(float(f"{value:.12g}")) for value in lesson.beta]
+            lines = [", ".join(numbers[k : k + 6]) for k in range(0, len(numbers), 6)]
+            beta = ", ".join(numbers) if len(lines) <= 1 else "\n" + "".join(f"    {x},\n" for x in lines)
+            yield f"q = {q}  # a posture: change it\nbeta = [{beta}]  # {note}\n{cells['numbers']}"
+        case "coriolis" | "gravity":
+            yield cells[f"{long}{anchor}"]
+        case "motion":
+            yield from (cells["long_coriolis"], cells["long_motion"]) if long else (cells["motion"],)

@@ -19,15 +19,18 @@ Not supported: joints that follow others, in sums of angles (their sines stay th
 import itertools
 import math
 import re
+import tomllib
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
+from functools import cache
 from typing import Any, TypeAlias
 
 from sympy import QQ, Add, Matrix, Mul, Rational
 from sympy.polys.rings import PolyElement, PolyRing
 
 from symid.dynamics import ExactAlgebra, PointAlgebra
+from symid.environment import locate_resource_folder
 from symid.errors import Notice, UsageError
 from symid.robot import Exact, JointKind, Robot
 
@@ -480,60 +483,23 @@ class Book:
     long: bool = False
 
 
-_BOOKS = (
-    Book(name="symid"),
-    Book(
-        name="siciliano",
-        title="Siciliano, Sciavicco, Villani, Oriolo: Robotics - Modelling, Planning and Control (2009)",
-        mass="B",
-        kinetic=r"\mathcal T",
-        potential=r"\mathcal U",
-        angle=r"\vartheta",
-        slide="d",
-        standard=True,
-        shift=-1,
-        bodies=True,
-    ),
-    Book(
-        name="craig",
-        title="Craig: Introduction to Robotics - Mechanics and Control (3rd edition, 2005)",
-        gravity="G",
-        kinetic="k",
-        potential="u",
-        angle=r"\theta",
-        slide="d",
-        coordinates=r"\Theta",
-        shift=-1,
-        bodies=True,
-    ),
-    Book(
-        name="khalil",
-        title="Khalil, Dombre: Modeling, Identification and Control of Robots (2002)",
-        mass="A",
-        gravity="Q",
-        torque=r"\Gamma",
-        kinetic="E",
-        potential="U",
-        slide="r",
-        sine="S",
-        cosine="C",
-        length="d",
-        offset="r",
-        grouped="{name}_{{\\mathrm R{number}}}",
-    ),
-)
-BOOK_NAMES = tuple(book.name for book in _BOOKS)
+@cache
+def load_books() -> Mapping[str, Book]:
+    """Return the letters of all books by name, symid's own first."""
+    path = locate_resource_folder("templates") / "lesson" / "books.toml"
+    books = tomllib.loads(path.read_text(encoding="utf-8"))
+    return {name: Book(name=name, **letters) for name, letters in books.items()}
 
 
 def get_book(name: str, *, angle: str | None = None, long: bool = False) -> Book:
-    """Return the letters of a book, `name` one of `BOOK_NAMES`; a UsageError for another one.
+    """Return the letters of a book by its name; a UsageError for another one.
 
     `angle` is "q" or "theta" in place of the book's own letter; `long` writes cos(q1 + q2) in place of c12.
     """
-    if name not in BOOK_NAMES:
-        text = f"there is no notation {name!r}; it is one of {', '.join(BOOK_NAMES)}"
+    if name not in (books := load_books()):
+        text = f"there is no notation {name!r}; it is one of {', '.join(books)}"
         raise UsageError(Notice(code="usage.notation", text=text))
-    book = next(replace(book, long=long) for book in _BOOKS if book.name == name)
+    book = replace(books[name], long=long)
     letter = {"q": "q", "theta": r"\theta"}.get(angle or "")
     return replace(book, angle=letter, coordinates=letter) if letter else book
 

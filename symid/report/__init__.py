@@ -4,12 +4,10 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from symid.report import (
-        comparison_text as comparison_text,
         drawings as drawings,
-        fit_text as fit_text,
         result_pages as result_pages,
-        robot_text as robot_text,
         study_text as study_text,
+        texts as texts,
     )
     from symid.report.blocks import (
         Block as Block,

@@ -31,20 +31,6 @@ _COLOURS = {
     "wrong": "#c84a4a",
 }
 """They hold on light and on dark ground."""
-_TABLES = """.symid table { border-collapse: collapse; font-variant-numeric: tabular-nums; margin: .4em 0 }
-.symid td, .symid th { padding: .2em .6em; border-bottom: 1px solid #8884 }
-.symid td, .symid th { text-align: right; white-space: nowrap }
-.symid table .text { text-align: left }
-.symid table .long { white-space: normal }
-.symid table .no { color: #c84a4a } .symid th[scope=row] { font-weight: inherit }
-.symid caption { text-align: left; opacity: .75; white-space: pre-wrap }
-.symid p { white-space: pre-wrap; margin: .4em 0 }
-.symid h2, .symid h3 { font-size: 1em; font-weight: 600; margin: 1em 0 .4em }
-.symid.fail { border-left: .3em solid #c84a4a; padding-left: .6em }
-.symid figure { margin: .4em 0 } .symid figcaption { opacity: .75 }
-.symid svg { max-width: 46em; width: 100%; height: auto }
-.symid svg text { fill: currentColor; font-size: 12.5px; font-family: system-ui, sans-serif }
-"""
 # The names before a rule: at the beginning of a line, and behind commas before its brace.
 _SELECTOR = re.compile(r"(?:^|(?<=, ))(?=[\w.]+[^{}]*\{)", re.MULTILINE)
 _NOTE_WIDTH = 110
@@ -175,10 +161,11 @@ def shorten_text(blocks: Sequence[Block], most: int) -> str:
 @cache
 def _load_style() -> str:
     """Return the style of tables, and of figures as pages have it, for what stands in an element `symid`."""
-    rules = (locate_resource_folder("templates") / "report" / "figures.css").read_text(encoding="utf-8")
+    folder = locate_resource_folder("templates") / "report"
+    tables, rules = ((folder / f"{name}.css").read_text(encoding="utf-8") for name in ("tables", "figures"))
     for name, colour in _COLOURS.items():
         rules = rules.replace(f"var(--{name})", colour)
-    return f"<style>{_TABLES}{_SELECTOR.sub('.symid ', rules)}</style>"
+    return f"<style>{tables}{_SELECTOR.sub('.symid ', rules)}</style>"
 
 
 def write_html(blocks: Sequence[Block], *, failed: bool = False) -> str:

@@ -214,36 +214,29 @@ def list_shares(margins: Sequence["Margin"]) -> list[tuple[str, float]]:
     return [(f"{entry.name} {entry.kind}", entry.share) for entry in margins if entry.share is not None]
 
 
-def list_axes(given: object) -> list[Any]:
-    """Return axes of matplotlib: one, or a sequence or array of them.
+def draw_into(axes: object, drawings: Sequence[Drawing]) -> None:
+    """Draw the first figures that have data into axes, one into each; axes that are left over stay empty.
+
+    `axes` are one, or a sequence or array of them.
 
     Raises:
-        UsageError: something else was given; the message says what to install where matplotlib is missing.
+        UsageError: they are none of matplotlib; the message says what to install where that is missing.
     """
-    axes, waiting = list[Any](), [given]
+    known_axes, waiting = list[Any](), [axes]
     while waiting:
         entry: Any = waiting.pop(0)
         inner = getattr(entry, "flat", entry)
         if inner is not entry or (isinstance(inner, Sequence) and not isinstance(inner, str)):
             waiting = [*inner, *waiting]
         else:
-            axes.append(entry)
-    if axes and all(hasattr(entry, name) for entry in axes for name in _NEEDED):
-        return axes
-    text = "expected axes of matplotlib, as `matplotlib.pyplot.subplots()` returns them"
-    if find_spec("matplotlib") is None:
-        text += "; matplotlib is not installed: pip install 'symid[plot]'"
-    raise UsageError(Notice(code="usage.axes", text=f"ax: {text}"))
-
-
-def draw_into(axes: object, drawings: Sequence[Drawing]) -> None:
-    """Draw the first figures that have data into axes, one into each; axes that are left over stay empty.
-
-    Raises:
-        UsageError: `axes` are none of matplotlib.
-    """
+            known_axes.append(entry)
+    if not (known_axes and all(hasattr(entry, name) for entry in known_axes for name in _NEEDED)):
+        text = "expected axes of matplotlib, as `matplotlib.pyplot.subplots()` returns them"
+        if find_spec("matplotlib") is None:
+            text += "; matplotlib is not installed: pip install 'symid[plot]'"
+        raise UsageError(Notice(code="usage.axes", text=f"ax: {text}"))
     shown = (entry.data for entry in drawings if isinstance(entry.data, figures.FigureData))
-    for ax, data in zip(list_axes(axes), shown, strict=False):
+    for ax, data in zip(known_axes, shown, strict=False):
         known = set[str]()
         for line in data.lines:
             # A legend lists a label once.

@@ -20,7 +20,7 @@ from symid.arrays import FloatArray
 from symid.identification.elastic import ElasticEstimate, ElasticTrial, JointTrial, SpringEstimate
 from symid.report import figures, pages
 from symid.report.blocks import Block, Drawing, Table
-from symid.report.fit_text import show_effects, show_laws
+from symid.report.texts import show_effects, show_laws
 from symid.report.verdict import compute_spring_share, judge_elastic
 
 if TYPE_CHECKING:

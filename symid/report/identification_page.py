@@ -46,7 +46,7 @@ from symid.identification.rigid import (
 )
 from symid.joint_models import compute_friction_torque, get_law
 from symid.logs import LogPart, Recording, check_recording, read_recordings, take_parts
-from symid.report import figures, fit_text, pages
+from symid.report import figures, pages, texts
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.drawings import draw_robot
 from symid.report.elastic_page import build_elastic_page, draw_branches
@@ -131,7 +131,7 @@ def build_identification_page(
         ),
         more=(
             *chain.from_iterable(_show_log(entry) for entry in validations if entry is not worst),
-            *fit_text.show_laws(estimate.laws),
+            *texts.show_laws(estimate.laws),
             *("== What each parameter groups ==", pages.tabulate_groupings(estimate.parameters)),
             "== Residual of the fit ==",
             pages.tabulate_residual(estimate.residual, _LEFT),
@@ -207,16 +207,16 @@ def _show_choice(estimate: Estimate) -> Iterator[Block]:
     evidence, choice = estimate.evidence, estimate.choice
     if evidence is not None:
         yield "== Held-out stretches =="
-        yield fit_text.show_evidence(evidence)
+        yield texts.show_evidence(evidence)
         if evidence.tests:
-            yield fit_text.show_tests(evidence)
+            yield texts.show_tests(evidence)
     if choice is not None:
         yield "== Choice of the settings =="
         order = sorted(choice.candidates, key=lambda entry: entry.held_out)
         first = [choice.chosen, *(entry for entry in order if entry is not choice.chosen)]
         rows = []
         for entry in first[:_CANDIDATES]:
-            bands = (fit_text.write_number(value, ".3g") for value in (entry.band, entry.instruments))
+            bands = (texts.write_number(value, ".3g") for value in (entry.band, entry.instruments))
             forms = (".3g", ".3g", ".2g", ".2g")
             sizes = map(format, (entry.held_out, entry.fall, entry.p, entry.consistent), forms)
             rows.append((*bands, entry.states, *sizes, "taken" if entry is choice.chosen else ""))
@@ -360,9 +360,9 @@ def _show_log(validation: Validation) -> Iterator[Block]:
 
 def _show_errors(validation: Validation) -> Iterator[Block]:
     yield f"== Residual of {Path(validation.source).name} =="
-    yield from fit_text.show_motion(validation.motion)
+    yield from texts.show_motion(validation.motion)
     if validation.scoring:
-        yield f"{_capitalise(fit_text.show_all_rows(validation))}."
+        yield f"{_capitalise(texts.show_all_rows(validation))}."
     for series in validation.series:
         error, joint, unit = series.measured - series.predicted, series.joint, series.unit
         quantity = _name_quantity(series, validation.rows)
@@ -493,7 +493,7 @@ def _show_search(entry: friction.JointFriction) -> Iterator[Block]:
     """Yield how the law of a joint was found: phases of motion, rigid part, choice, poses, the search."""
     estimate = entry.estimate
     yield f"== {entry.joint}: how it was found =="
-    yield from fit_text.show_motion((entry.motion,) if entry.motion is not None else ())
+    yield from texts.show_motion((entry.motion,) if entry.motion is not None else ())
     yield f"{_capitalise(entry.rigid)}."
     yield (
         f"{_capitalise(estimate.outcome.value)}: {estimate.ended}; evaluations of the objective: "
@@ -503,10 +503,10 @@ def _show_search(entry: friction.JointFriction) -> Iterator[Block]:
     if estimate.extra:
         yield from ("=== Rigid part ===", pages.tabulate_parameters(estimate.extra, formulas=False))
     if entry.selection is not None:
-        yield from ("=== Choice of the law ===", fit_text.show_law_trials(entry.selection, _TRIALS))
+        yield from ("=== Choice of the law ===", texts.show_law_trials(entry.selection, _TRIALS))
     if entry.poses is not None:
         yield from ("=== Poses of the other joints ===", f"{_capitalise(entry.poses.verdict)}.")
-        yield from fit_text.show_poses(entry.poses)
+        yield from texts.show_poses(entry.poses)
     history = [value for value in estimate.history if value > 0.0]
     if len(history) >= 3 and max(history) > _FLAT * min(history):
         number, markers = np.arange(float(len(history))), len(history) < 40

@@ -149,17 +149,9 @@ def render_page(page: Page) -> str:
 
 def write_figures(drawings: Sequence[Drawing]) -> str:
     """Return figures as one self-contained page without anything else."""
-    style = "".join(build_environment().get_template(name).render() for name in ("page.css", "figures.css"))
     body = "".join(write_elements([drawing]) for drawing in drawings)
     live = any(drawing.live for drawing in drawings)
-    script = build_environment().get_template("figures.js").render() if live else ""
-    return (
-        '<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
-        '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>Figures</title>\n<style>\n{style}</style>\n</head>\n"
-        f'<body>\n<main class="figures" aria-label="Figures">\n{body}\n</main>\n'
-        f"{f'<script>{chr(10)}{script}</script>{chr(10)}' if live else ''}</body>\n</html>\n"
-    )
+    return build_environment().get_template("figures.html.jinja").render(body=body, live=live)
 
 
 @cache

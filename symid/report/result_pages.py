@@ -35,12 +35,11 @@ from symid.arrays import FloatArray
 from symid.errors import SEVERE, Notice, merge_notices
 from symid.identification import hysteresis
 from symid.identification.estimators import ParameterEstimate
-from symid.report import pages, robot_text
+from symid.report import pages, texts
 from symid.report.blocks import Block, Drawing, Table
-from symid.report.comparison_text import show_comparison
 from symid.report.drawings import draw_excitation, draw_log, draw_robot, list_shares
 from symid.report.figures import TIME, Line, Mark, build_curve_figure, build_line_figure, build_mark_figure
-from symid.report.fit_text import show_stiffness
+from symid.report.texts import show_comparison, show_stiffness
 from symid.report.verdict import LEVELS, FitVerdict, rate_output
 from symid.robot import Robot, name_for_commands
 
@@ -133,7 +132,7 @@ def build_check_page(robot: Robot, checked: "LogsCheck") -> pages.Page:
     """Return the page of a robot file and its logs, checked."""
     numbers: list[tuple[str, str]] = []
     found, several = checked.excitation, "s"[: len(checked.logs) > 1]
-    blocks: tuple[Block, ...] = robot_text.show_robot_check(robot, checked)
+    blocks: tuple[Block, ...] = texts.show_robot_check(robot, checked)
     if found is not None:
         good, values = len(found.list_names("identifiable")), np.array(found.singular)
         numbers = [
@@ -143,7 +142,7 @@ def build_check_page(robot: Robot, checked: "LogsCheck") -> pages.Page:
         title = "What a fit to all these logs would identify."
         blocks = (
             "== Identifiability ==",
-            robot_text.show_identifiable(found, "expected std", pages.format_percent, title),
+            texts.show_identifiable(found, "expected std", pages.format_percent, title),
             build_line_figure(
                 "How well are the parameters separated? Singular values of the scaled regressor; "
                 f"the rank is {found.rank} of {len(found.singular)}.",
@@ -153,7 +152,7 @@ def build_check_page(robot: Robot, checked: "LogsCheck") -> pages.Page:
                 whole=True,
             ),
             "== Joints ==",
-            *(robot_text.show_joints(entry.recording.source, entry.joints) for entry in checked.logs),
+            *(texts.show_joints(entry.recording.source, entry.joints) for entry in checked.logs),
         )
     length = sum(entry.timing.duration for entry in checked.logs)
     numbers.append((f"{length:.4g} s", f"in {len(checked.logs)} log{several}"))
@@ -170,7 +169,7 @@ def build_check_page(robot: Robot, checked: "LogsCheck") -> pages.Page:
         blocks=blocks,
         notices=(*robot.notices, *checked.notices),
         next_step=(shlex.join(command), "Identify the parameters") if checked.logs else None,
-        settings=(("robot", robot_text.summarise_robot(robot)), ("file", str(robot.path))),
+        settings=(("robot", texts.summarise_robot(robot)), ("file", str(robot.path))),
     )
 
 
@@ -182,7 +181,7 @@ def build_excitation_page(robot: Robot, found: "OptimisedExcitation") -> pages.P
     said = "All limits are kept" if kept else "A limit is exceeded"
     headline = (
         f"{said}; the condition number is {found.condition:.4g}, "
-        f"{robot_text.describe_gain(found.factor)} than that of the best random trajectory."
+        f"{texts.describe_gain(found.factor)} than that of the best random trajectory."
     )
     name, most = max(shares, key=lambda entry: entry[1], default=("no limit", 0.0))
     rows = [(run.start, run.condition, run.iterations, run.status) for run in found.runs]
@@ -202,7 +201,7 @@ def build_excitation_page(robot: Robot, found: "OptimisedExcitation") -> pages.P
             (pages.format_percent(100.0 * most), f"of a limit used at most: {name}"),
             (f"{found.trajectory.duration:g} s", "period"),
         ),
-        blocks=("== Limits and condition ==", *robot_text.show_excitation(found)),
+        blocks=("== Limits and condition ==", *texts.show_excitation(found)),
         more=("== Search ==", starts),
         notices=found.notices,
         next_step=(

@@ -12,8 +12,11 @@ Not supported: figure 5, the test of poses, which needs recordings.
 
 import math
 import textwrap
-from collections.abc import Sequence
+import tomllib
+from collections.abc import Mapping, Sequence
+from functools import cache
 from html import escape
+from typing import Any
 
 import numpy as np
 
@@ -26,16 +29,12 @@ from symid.joint_models import FrictionLaw, compute_friction_torque, get_law
 from symid.report import figures
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.drawings import place_arm
-from symid.report.fit_text import write_number
 from symid.report.pages import Page
+from symid.report.texts import write_number
 from symid.report.verdict import FitVerdict
 from symid.robot import read_robot
 from symid.study import friction_protocols as paper
 
-_SYNTHETIC = (
-    "The paper's values are next to ours, which come from synthetic data: the paper's recordings are not "
-    "public."
-)
 _WIDTH = 110
 _MARK = "*"
 _UNITS = {"vs": "rad/s", "dq0": "rad/s", "fV": "N m s/rad", "gamma": "1"}
@@ -48,6 +47,21 @@ _PLATFORM, _POSE = "kr30.toml", (0.35, 1.75, -0.3, 0.4, 0.75, 0.0)
 """The arm that is drawn, and its joint angles, rad."""
 _RADII = (0.12, 0.11, 0.1, 0.07, 0.065, 0.055)
 """Of its joints as drawn, m."""
+
+
+@cache
+def _load_texts() -> Mapping[str, Mapping[str, str]]:
+    path = locate_resource_folder("templates") / "report" / "friction_study.toml"
+    return tomllib.loads(path.read_text(encoding="utf-8"))
+
+
+def _fill(name: str, **given: object) -> dict[str, Any]:
+    """Return the texts of a table, or of all figures, with what is given put in."""
+    return {key: text.format(paper=paper, **given) for key, text in _load_texts()[name].items()}
+
+
+def _write_caption(name: str, **given: object) -> str:
+    return _load_texts()["figures"][name].format(paper=paper, **given)
 
 
 def list_tables(study: paper.FrictionStudy) -> tuple[Table, ...]:
@@ -81,14 +95,8 @@ def _list_methods(study: paper.AgreementStudy, seed: int) -> Table:
         ("ours, Cramer-Rao", study.bound, ".2g", ""),
     )
     rows = [(name, *(format(value, form) for value in values), last) for name, values, form, last in lines]
-    note = (
-        f"Ours: {study.sweep.samples} samples of half a cosine, peak {study.sweep.peak:g} rad/s, noise "
-        f"{study.noise:.4g} N m, seed {seed}; the truth is the paper's last row. The paper's recording is "
-        "not public: compare its rows with each other, and ours with ours.\n"
-        "The sum of the truth is sigma^2 (N - 4), its mean over draws."
-    )
-    title = "Table 1: joint 1, one trajectory, one direction, original Stribeck law"
-    return Table(("method", *_name_columns(study.names), "sum of squares"), rows, title=title, note=note)
+    header = ("method", *_name_columns(study.names), "sum of squares")
+    return Table(header, rows, **_fill("methods", study=study, seed=seed))
 
 
 def _list_agreement(found: Sequence[paper.AgreementStudy]) -> Table:
@@ -98,13 +106,8 @@ def _list_agreement(found: Sequence[paper.AgreementStudy]) -> Table:
         agreed = (f"{row.excess:.1e}", f"{row.agreed} of {row.draws}", f"{row.error:.2f}")
         rows.append((motion, row.estimator, *agreed, f"{row.outside} of {beyond}"))
     header = ("peak, samples", "estimator", "worst excess", "draws within", "farthest", "beyond 3")
-    title = f"Agreement of all estimators, {found[0].draws} draws of three motions each"
-    note = (
-        f"Excess: sum of squares over the least one of the draw, less one. Within: {paper.AGREEMENT:g} for "
-        f"deterministic estimators, {paper.NEARNESS:g} for {', '.join(sorted(paper.RACERS))}. "
-        "Farthest: the largest error of a parameter in Cramer-Rao deviations."
-    )
-    return Table(header, rows, (0, 1), title, note)
+    told = _fill("agreement", draws=found[0].draws, racers=", ".join(sorted(paper.RACERS)))
+    return Table(header, rows, (0, 1), **told)
 
 
 def _list_races(races: Sequence[paper.SearchRace]) -> Table:
@@ -113,18 +116,10 @@ def _list_races(races: Sequence[paper.SearchRace]) -> Table:
         whole = (f"{cost.generations:.1f}", f"{cost.evaluations:.0f}")
         near = (f"{cost.near_generations:.1f}", f"{cost.near_evaluations:.0f}")
         rows.append((title, cost.estimator, cost.population, *whole, *near))
-    title = f"Table 2: genetic algorithm and its hybrid with annealing, means of {races[0].draws} draws"
     header = ("motion", "search", "candidates", "generations", "evaluations", "near: gen.", "near: eval.")
     findings = "\n".join(f"{race.title}: {race.finding}." for race in races)
-    note = (
-        "The paper: a generation of the hybrid takes longer, but far fewer are needed, so that it is more "
-        f"efficient. Ours, hybrid against genetic:\n{findings}\n"
-        "Both end where the candidates' objectives differ by 1e-6; near: the best is within "
-        f"{100.0 * paper.NEARNESS:g} % of the least sum of squares. A generation of the hybrid evaluates "
-        "every candidate twice. The paper prints neither its algorithms nor its numbers of generations: both "
-        "algorithms are our own designs, with their defaults."
-    )
-    return Table(header, rows, (0, 1), title, note)
+    most = 100.0 * paper.NEARNESS
+    return Table(header, rows, (0, 1), **_fill("races", draws=races[0].draws, findings=findings, near=most))
 
 
 def _list_recovery(study: paper.Recovery) -> Table:
@@ -140,23 +135,15 @@ def _list_recovery(study: paper.Recovery) -> Table:
         (name, *(format(getattr(entry, field), form) for entry in study.parameters))
         for name, field, form in lines
     ]
-    peaks = "3 vs and 1" if second else " and ".join(f"{peak:g}" for peak in paper.RECOVERY_PEAKS)
-    note = f"Cosines with peaks {peaks} rad/s, {study.samples} samples in all, {study.slow} of them "
     if second:
         shares = (f"{100.0 * entry.bound / abs(entry.truth):.2g}" for entry in study.parameters)
         rows.insert(4, ("Cramer-Rao, % of value", *shares))
         rows.append(("identifiable", *(("no", "yes")[entry.identifiable] for entry in study.parameters)))
-        title = f"A second truth: {study.joint}, law {study.law}"
-        note += (
-            f"slower than vs, noise {study.noise:.3g} N m = 0.02 fC; identifiable: the bound is at most "
-            f"{100.0 * paper.NOT_IDENTIFIABLE:g} % of the value."
-        )
-    else:
-        title = f"Table 3: joint {study.joint}, two trajectories, improved Stribeck law"
-        note += f"within dq0, noise {study.noise:g} N m, exponent 2. "
-        note += f"At most {study.solves} linear problems a fit."
+    peaks = " and ".join(f"{peak:g}" for peak in paper.RECOVERY_PEAKS)
+    given = {"study": study, "peaks": peaks, "most": 100.0 * paper.NOT_IDENTIFIABLE}
     columns = _name_columns([entry.name for entry in study.parameters])
-    return Table((f"{study.draws} draws", *columns), rows, title=title, note=note)
+    told = _fill("second" if second else "recovery", **given)
+    return Table((f"{study.draws} draws", *columns), rows, **told)
 
 
 def _list_sums(found: Sequence[paper.GainStudy]) -> Table:
@@ -166,14 +153,8 @@ def _list_sums(found: Sequence[paper.GainStudy]) -> Table:
         for study in found
         for who, values in zip(sources, (study.paper, study.scaled, study.sums), strict=True)
     ]
-    note = (
-        f"Ours: one cosine, peak {paper.PEAK:g} rad/s, {found[0].samples} samples, {found[0].draws} draws; "
-        "scaled: one factor a joint, so that the improved law has the paper's sum (the paper does not state "
-        f"the number of samples).\n{paper.CALIBRATION}"
-    )
-    title = "Table 4: sums of squared errors, (N m)^2"
     header = ("joint", "Coulomb + viscous, calibrated", "original Stribeck, prediction", "improved Stribeck")
-    return Table(header, rows, title=title, note=note)
+    return Table(header, rows, **_fill("sums", study=found[0]))
 
 
 def _list_gains(found: Sequence[paper.GainStudy]) -> Table:
@@ -191,17 +172,10 @@ def _list_gains(found: Sequence[paper.GainStudy]) -> Table:
     both = zip(paper.TABLE_3, paper.TABLE_4, strict=True)
     pairs = [(row.values[place] ** 2, other.noise**2) for row, other in both]
     floors = ", ".join(f"{100.0 * bias / (bias + noise):.1f}" for bias, noise in pairs)
-    note = (
-        f"{paper.CALIBRATION} The noise is {', '.join(f'{row.noise:g}' for row in paper.TABLE_4)} N m.\n"
-        f"The predictions miss by: {misses}.\n"
-        "Reading H1 adds fP at all velocities, which no law without a bias can follow: in a motion that is "
-        "the same in both directions it alone gives a gain of fP^2 / (fP^2 + sigma^2), "
-        f"{floors} %. Where that is more than the paper prints, it had not both H1 and this noise.\n"
-        "Held out: the same fits on another draw of the same motion."
-    )
-    title = "Table 4: reduction of the sum of squares by the improved law, percent"
+    noises = ", ".join(f"{row.noise:g}" for row in paper.TABLE_4)
     header = ("joint, against", "ours is", "paper", "ours", "deviation", "miss", "held out", "in RMS")
-    return Table((*header, "paper in RMS"), rows, (0, 1), title, note)
+    told = _fill("gains", noises=noises, misses=misses, floors=floors)
+    return Table((*header, "paper in RMS"), rows, (0, 1), **told)
 
 
 def _list_contest(contest: paper.EstimatorComparison) -> Table:
@@ -384,8 +358,8 @@ def build_friction_study_page(study: paper.FrictionStudy) -> Page:
     titled = ((f"=== Counterpart of Figure {name} ===", figure) for name, figure in counterparts)
     drawn = [block for pair in titled for block in pair]
     rows = [(check.name, check.bar, check.found, write_check_outcome(check)) for check in study.checks]
-    title = "Claims and results. Reported: no requirement, or too few draws to judge."
-    checks = Table(("claim", "required", "result", "outcome"), rows, (0, 1, 2, 3), title)
+    texts = _load_texts()["page"]
+    checks = Table(("claim", "required", "result", "outcome"), rows, (0, 1, 2, 3), texts["checks"])
     names = ("Table 1", "Table 3", "Table 4", "the second robot")
     draws = [part[0].draws for part in (study.agreement, study.recovery, study.gains, study.second)]
     reported = [check for check in study.checks if check.met is None]
@@ -413,7 +387,7 @@ def build_friction_study_page(study: paper.FrictionStudy) -> Page:
             "Identify friction laws from logs of your own",
         ),
         blocks=(
-            _SYNTHETIC,
+            texts["synthetic"],
             f"Table 4: {paper.CALIBRATION}",
             "== Claims ==",
             checks,
@@ -455,11 +429,7 @@ def _draw_improved() -> Drawing:
         figures.Line(label, style, velocity, _compute_curve(get_law(name), given, velocity))
         for label, name, given, style in readings
     ]
-    caption = (
-        "The improved Stribeck law with the paper's parameters of joint 1. The paper does not print its "
-        "formula; H1 is the reading used here, the others can be chosen by name."
-    )
-    return _draw(caption, lines)
+    return _draw(_write_caption("improved"), lines)
 
 
 def _draw_stribeck() -> Drawing:
@@ -475,19 +445,11 @@ def _draw_stribeck() -> Drawing:
         ("Stribeck part", "virgin", (static - coulomb) * np.exp(-((velocity / stribeck) ** 2))),
         ("viscous part", "fourth", viscous * velocity),
     )
-    caption = (
-        "The curves of the paper's Table 1, which differ by at most 0.07 N m, and the parts of the last."
-    )
-    return _draw(caption, lines)
+    return _draw(_write_caption("stribeck"), lines)
 
 
 def _draw_hybrid() -> Drawing:
-    caption = (
-        "Our hybrid of a genetic algorithm with simulated annealing, `annealing`, with its default "
-        f"options; it also ends after {paper.GENERATIONS} generations. Of the paper's flow chart only the "
-        "caption is public, so its algorithm may differ. The genetic algorithm alone leaves out the four "
-        "steps of annealing."
-    )
+    caption = _write_caption("hybrid")
     chart = (locate_resource_folder("templates") / "report" / "annealing.svg").read_text(encoding="utf-8")
     options = {"population": paper.POPULATION, "cooling": paper.COOLING, "converged": numerics.CONVERGED}
     return Drawing("".join(chart.splitlines()).format(caption=escape(caption), **options), caption)
@@ -503,17 +465,12 @@ def _draw_platform() -> Drawing:
         style = "second" if number <= len(paper.TABLE_3) else "first"
         # A joint stands amid what lies along its axis.
         joints.append(figures.ArmJoint(0.5 * (link[1] + link[2]), frame[:3, 2], str(number), style, radius))
-    caption = (
-        "A serial robot with several joints is all that is public of the paper's platform: neither its maker "
-        f"nor its dimensions. Drawn is an arm of this kind, with the kinematics of robots/{_PLATFORM} "
-        f"({robot.description.partition(' on ')[0]}); joints 1 to 3, whose friction the tables have, are "
-        "orange. No number of this page depends on it."
-    )
+    caption = _write_caption("platform", file=_PLATFORM, what=robot.description.partition(" on ")[0])
     return figures.build_arm_figure(caption, links, joints)
 
 
 def _draw_scatter(samples: friction.FrictionSamples, what: str) -> Drawing:
-    caption = f"Joint 1, {what}: {samples.count} synthetic samples."
+    caption = _write_caption("scatter", what=what, count=samples.count)
     return _draw(caption, [_list_samples(samples.velocity, samples.torque)])
 
 
@@ -535,12 +492,9 @@ def _draw_one_fit(samples: friction.FrictionSamples, study: paper.FrictionStudy)
     styles = {"varpro": "predicted", "genetic": "third", "annealing": "virgin"}
     lines = [figures.Line(name, style, velocity, curves[name]) for name, style in styles.items()]
     apart = max(float(np.max(np.abs(curve - curves["varpro"]))) for curve in curves.values())
-    caption = (
-        "Samples of joint 1 with the fitted curves of three estimators. All estimators' curves differ by at "
-        f"most {apart:.2g} N m; the band holds 95 % of the samples."
-    )
     band = _build_band(friction.fit_friction(samples, law), velocity)
-    return _draw(caption, [band, _list_samples(samples.velocity, samples.torque), *lines])
+    cloud = _list_samples(samples.velocity, samples.torque)
+    return _draw(_write_caption("one_fit", apart=apart), [band, cloud, *lines])
 
 
 def _draw_convergence(contest: paper.EstimatorComparison) -> Drawing:
@@ -548,10 +502,7 @@ def _draw_convergence(contest: paper.EstimatorComparison) -> Drawing:
     names = {"genetic": ("genetic algorithm", "first"), "annealing": ("hybrid with annealing", "second")}
     runs = [(names[run.estimator], np.array(run.history)) for run in contest.runs if run.estimator in names]
     lines = [figures.Line(*name, np.arange(float(len(y))), y / least - 1.0) for name, y in runs]
-    caption = (
-        f"{contest.title}: objective of the best candidate, relative to the optimum of variable projection. "
-        "A generation of the hybrid costs two evaluations a candidate."
-    )
+    caption = _write_caption("convergence", title=contest.title)
     labels = ("generation", "J / least J - 1")
     return figures.build_line_figure(caption, labels, lines, logarithmic=True, whole=True)
 
@@ -574,8 +525,7 @@ def _draw_two_fit(samples: friction.FrictionSamples, *, near: bool) -> Drawing:
     lines, fits = _fit_laws(samples, velocity, velocity)
     sums = ", ".join(f"{name} {fit.objective:.0f}" for name, fit in zip(paper.LAWS, fits, strict=True))
     cloud = _list_samples(samples.velocity[shown], samples.torque[shown])
-    caption = f"Joint 1, both directions. Sums of squares in (N m)^2: {sums}. The band is the improved law's."
-    return _draw(caption, [_build_band(fits[-1], velocity), cloud, *lines])
+    return _draw(_write_caption("two_fit", sums=sums), [_build_band(fits[-1], velocity), cloud, *lines])
 
 
 def _draw_torque(index: int, seed: int) -> Drawing:
@@ -583,9 +533,5 @@ def _draw_torque(index: int, seed: int) -> Drawing:
     samples = paper.draw_samples(scene, np.random.default_rng(seed))
     lines, fits = _fit_laws(samples, samples.time, samples.velocity)
     viscous, stribeck = (100.0 * (1.0 - fits[-1].objective / fit.objective) for fit in fits[:2])
-    caption = (
-        f"Joint {scene.joint} in the motion of Table 4: in this draw the improved law has {viscous:.1f} % "
-        f"less squared error than Coulomb + viscous and {stribeck:.1f} % less than the original Stribeck "
-        "law. The first gain is calibrated by the noise, the second a prediction."
-    )
+    caption = _write_caption("torque", joint=scene.joint, viscous=viscous, stribeck=stribeck)
     return _draw(caption, [_list_samples(samples.time, samples.torque), *lines], "time (periods)")

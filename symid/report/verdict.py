@@ -379,8 +379,21 @@ def _judge_parameters(
     Within `tolerance` percent a true value counts as met, whatever its standard deviation; where parameters
     may be `small`, uncertain ones limit nothing. Only values that logs were `simulated` from are true ones.
     """
-    details, caps = [], []
-    uncertain, zero = _find_uncertain(parameters)
+    details, caps, uncertain, zero = [], list[tuple[str, str]](), [], []
+    # A value that does not differ significantly from zero has no relative deviation. Its deviation is
+    # compared with the largest significant value of the same unit at the same joint: MY of a link with MX,
+    # XY with XX. What is small beside it is known to be small; where there is none, nothing is known.
+    places = [(entry.unit, re.findall(r"\d*$", entry.name)[0]) for entry in parameters]
+    largest = dict.fromkeys(places, 0.0)
+    for entry, place in zip(parameters, places, strict=True):
+        if entry.significant:
+            largest[place] = max(largest[place], abs(entry.value))
+    for entry, place in zip(parameters, places, strict=True):
+        scale = abs(entry.value) if entry.significant else largest[place]
+        if not entry.std <= 0.01 * POLICY.uncertain * scale:
+            uncertain.append(entry.name)
+        elif not entry.significant:
+            zero.append(entry.name)
     if parameters:
         sharp = sum(entry.relative_std_percent <= POLICY.good for entry in parameters)
         details.append(
@@ -417,29 +430,6 @@ def _judge_parameters(
         details.append(f"Not identifiable from these logs: {names}.")
         caps.append(("usable", "some parameters are not identifiable from these logs"))
     return details, caps
-
-
-def _find_uncertain(parameters: Sequence[ParameterEstimate]) -> tuple[list[str], list[str]]:
-    """Return which parameters are uncertain, and which are zero within small deviations.
-
-    A value that does not differ significantly from zero has no relative deviation. Its deviation is compared
-    with the largest significant value of the same unit at the same joint: MY of a link with MX, XY with XX.
-    What is small beside it is known to be small; where there is none, nothing is known.
-    """
-    # By unit and number of the joint.
-    places = [(entry.unit, re.findall(r"\d*$", entry.name)[0]) for entry in parameters]
-    largest = dict.fromkeys(places, 0.0)
-    for entry, place in zip(parameters, places, strict=True):
-        if entry.significant:
-            largest[place] = max(largest[place], abs(entry.value))
-    uncertain, zero = [], []
-    for entry, place in zip(parameters, places, strict=True):
-        scale = abs(entry.value) if entry.significant else largest[place]
-        if not entry.std <= 0.01 * POLICY.uncertain * scale:
-            uncertain.append(entry.name)
-        elif not entry.significant:
-            zero.append(entry.name)
-    return uncertain, zero
 
 
 def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> FitVerdict:

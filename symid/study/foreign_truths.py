@@ -133,16 +133,6 @@ def _build_bouc_wen(arm: Arm, size: float, bias: float = 0.0) -> dict[str, Float
     }
 
 
-def _build_lugre(arm: Arm, size: float) -> dict[str, FloatArray]:
-    bristle = arm.coulomb / (1e-3 * size)
-    return {
-        "static": 0.4 * arm.coulomb,
-        "stribeck": np.full(arm.size, 0.1),
-        "bristle": bristle,
-        "damping": 0.2 * np.sqrt(bristle * arm.rotor),
-    }
-
-
 TRUTHS: Mapping[str, Callable[[Arm, float], dict[str, FloatArray]]] = {
     "family": lambda arm, size: {name: _build_family(arm, 0.4 * size)[name] for name in ("linear", "stops")},
     "bouc-wen": _build_bouc_wen,
@@ -160,7 +150,12 @@ TRUTHS: Mapping[str, Callable[[Arm, float], dict[str, FloatArray]]] = {
     },
     "cubic": lambda arm, size: {"cubic": 0.4 * size * arm.stiffness / 8e-3**2, "slope": np.zeros(arm.size)},
     "sided": lambda arm, size: {"sided": 0.35 * size * arm.stiffness, "slope": np.zeros(arm.size)},
-    "lugre": _build_lugre,
+    "lugre": lambda arm, size: {
+        "static": 0.4 * arm.coulomb,
+        "stribeck": np.full(arm.size, 0.1),
+        "bristle": arm.coulomb / (1e-3 * size),
+        "damping": 0.2 * np.sqrt(arm.coulomb / (1e-3 * size) * arm.rotor),
+    },
     "dahl": lambda arm, size: {"bristle": arm.coulomb / (2e-3 * size)},
     "sharp-coulomb": lambda arm, size: {"smoothing": np.full(arm.size, 1e-3 / size)},
     "stribeck": lambda arm, size: {"static": 0.6 * size * arm.coulomb, "stribeck": np.full(arm.size, 0.1)},

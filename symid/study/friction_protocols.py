@@ -372,24 +372,20 @@ def draw_children(genes: FloatArray, parents: FloatArray, width: float, generato
     return np.asarray(1.0 - np.abs(1.0 - np.clip(children, 0.0, 2.0)))
 
 
-def _list_linear_bounds(problem: friction.FrictionProblem) -> tuple[FloatArray, FloatArray]:
-    """Return the bounds (p,) of linear parameters in a search by chance."""
-    low, high, samples, law = problem.low, problem.high, problem.samples, problem.law
-    middle = np.where(low > 0.0, np.sqrt(np.abs(low * high)), 0.5 * (low + high))
-    reach = np.max(np.abs(compute_columns(law, samples.inputs, middle.tolist())), axis=0)
-    size = _REACH * float(np.max(np.abs(samples.torque))) / np.where(reach > 0.0, reach, 1.0)
-    lower, upper = np.array([(entry.lower, entry.upper) for entry in law.linear]).T
-    return np.maximum(lower, -size), np.minimum(upper, size)
-
-
 def search_by_population(
-    problem: friction.FrictionProblem, generator: Generator, *, anneal: bool, generations: int = GENERATIONS
+    problem: friction.FrictionProblem, generator: Generator, *, anneal: bool
 ) -> friction.FrictionSearch:
     """Return the best candidate of the genetic algorithm, or of its hybrid with annealing."""
     # Candidates are points of a unit box: linear parameters, then the coordinates of free shape values.
     free, (fixed, highest), count = np.flatnonzero(problem.is_free), problem.box, len(problem.law.linear)
-    lower, upper = _list_linear_bounds(problem)
-    low, high = np.concatenate([lower, fixed[free]]), np.concatenate([upper, highest[free]])
+    # Linear parameters whose columns alone reach so many times the largest torque.
+    ends, samples, law = (problem.low, problem.high), problem.samples, problem.law
+    middle = np.where(ends[0] > 0.0, np.sqrt(np.abs(ends[0] * ends[1])), 0.5 * (ends[0] + ends[1]))
+    reach = np.max(np.abs(compute_columns(law, samples.inputs, middle.tolist())), axis=0)
+    size = _REACH * float(np.max(np.abs(samples.torque))) / np.where(reach > 0.0, reach, 1.0)
+    lower, upper = np.array([(entry.lower, entry.upper) for entry in law.linear]).T
+    low = np.concatenate([np.maximum(lower, -size), fixed[free]])
+    high = np.concatenate([np.minimum(upper, size), highest[free]])
 
     def express(genes: FloatArray) -> tuple[FloatArray, FloatArray]:
         values, z = low + np.clip(genes, 0.0, 1.0) * (high - low), np.tile(fixed, (len(genes), 1))
@@ -400,7 +396,7 @@ def search_by_population(
     objectives = compute_objectives(problem, *express(genes))
     history, converged = [float(np.min(objectives))], False
     temperature = float(np.max(objectives)) - history[0]
-    while not converged and len(history) <= generations:
+    while not converged and len(history) <= GENERATIONS:
         # The better one of two drawn at random; then the best of parents and children, the best first.
         first, second = generator.integers(len(genes), size=(2, len(genes)))
         parents = genes[np.where(objectives[first] <= objectives[second], first, second)]
@@ -426,7 +422,7 @@ def search_by_population(
     best, passed = int(np.argmin(objectives)), len(history) - 1
     linear, shape = (tuple(values[0].tolist()) for values in express(genes[None, best]))
     spread = f"the relative spread of the candidates' objectives fell below {numerics.CONVERGED:g}"
-    ended = (Ending.STAGNATED, spread) if converged else (Ending.LIMIT, f"{generations} generations passed")
+    ended = (Ending.STAGNATED, spread) if converged else (Ending.LIMIT, f"{GENERATIONS} generations passed")
     evaluations = len(genes) * (1 + passed * (2 if anneal else 1))
     counts, settings = (evaluations, 0, passed), (("population", len(genes)),)
     return friction.FrictionSearch(

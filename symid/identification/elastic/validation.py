@@ -23,7 +23,7 @@ import numpy as np
 from symid.arrays import FloatArray, FrozenArrays
 from symid.codegen import Library, build_spring_vector, prepare_library
 from symid.errors import EstimateError, Notice, UsageError
-from symid.excitation import Trajectory
+from symid.excitation import ReferenceMotion
 from symid.identification.elastic import regression
 from symid.identification.elastic.estimate import ElasticEstimate, MethodFit
 from symid.identification.elastic.options import ElasticOptions
@@ -173,7 +173,7 @@ _FUNCTION = "elastic_inverse_dynamics"
 
 
 def compute_elastic_reference(
-    library: Library, fit: MethodFit, trajectory: Trajectory, time: FloatArray
+    library: Library, fit: MethodFit, trajectory: ReferenceMotion, time: FloatArray
 ) -> MotorReference:
     """Return angle, speed and torque of the motors under which the links follow `trajectory`.
 
@@ -235,7 +235,7 @@ def simulate_tracking(
     robot: Robot,
     library: Library,
     models: Mapping[str, MethodFit],
-    trajectory: Trajectory,
+    trajectory: ReferenceMotion,
     options: ExperimentOptions,
     *,
     progress: Callable[[str], None] = lambda _: None,

@@ -6,8 +6,7 @@ import pytest
 
 import symid
 from symid.cli.main import run
-from symid.lessons import get_book, notebook
-from symid.lessons.notebook import write_lesson_notebook
+from symid.lessons import get_book, page, write_lesson_notebook
 from symid.robot import load_robot
 
 nbformat = pytest.importorskip("nbformat", reason="wants the package nbformat")
@@ -19,7 +18,7 @@ def write(name, folder, **letters):
 
 @pytest.fixture
 def unexecuted(monkeypatch):
-    monkeypatch.setattr(notebook, "_execute", lambda *_: None)
+    monkeypatch.setattr(page, "_execute", lambda *_: None)
 
 
 def list_code(text):
@@ -64,13 +63,13 @@ def test_cells_of_every_kind_of_robot_run(name, tmp_path):
 def test_long_sums_break_at_their_outermost_level():
     group = r"(a_{1} \, b_{1} - c_{1})"
     terms = [rf"x_{{{k}}} \, {group}" for k in range(20)]
-    text = notebook._break_lines(f"M_{{11}} = {' + '.join(terms)}")
+    text = page._break_lines(f"M_{{11}} = {' + '.join(terms)}")
     body = text.removeprefix(r"\begin{aligned} M_{11} &= ").removesuffix(r" \end{aligned}")
     lines = body.split(r" \\ &\quad {} ")
     assert len(lines) > 2
     assert " ".join(lines) == " + ".join(terms)
     assert all(line.count("(") == line.count(")") for line in lines)
-    assert notebook._break_lines("a = b + c") == "a = b + c"
+    assert page._break_lines("a = b + c") == "a = b + c"
 
 
 def test_without_a_kernel_a_note_says_so(unexecuted, tmp_path, capsys):
@@ -85,7 +84,7 @@ def test_exercises_need_a_page_and_cells_that_fail_stop_it(tmp_path, monkeypatch
     with pytest.raises(symid.UsageError, match="part of a page"):
         symid.load("emps").write_lesson(tmp_path / "a.ipynb", exercises=3)
     # The notice is lesson.cell.
-    monkeypatch.setattr(notebook, "_list_code", lambda *_: iter(["1/0"]))
+    monkeypatch.setattr(page, "_list_code", lambda *_: iter(["1/0"]))
     with pytest.raises(symid.GenerationError, match="ZeroDivisionError"):
         symid.load("emps").write_lesson(tmp_path / "a.ipynb")
     assert not (tmp_path / "a.ipynb").exists()

@@ -126,7 +126,7 @@ def test_options_of_a_page_need_a_page_and_one_file(capsys, tmp_path):
 
 @pytest.mark.parametrize("kind", ["html", "tex", "ipynb"])
 def test_title_and_author_stand_at_the_head(tmp_path, kind, monkeypatch):
-    monkeypatch.setattr("symid.lessons.notebook._execute", lambda *_: None)
+    monkeypatch.setattr("symid.lessons.page._execute", lambda *_: None)
     target = tmp_path / f"a.{kind}"
     options = ["--title", "Lecture 2: arms & gears", "--author", "A. Lee <lee>", "-q"]
     assert run(["derive", "two_link", f"--{kind}", str(target), *options]) == 0

@@ -24,7 +24,7 @@ from symid.lessons.exercises import (
     read_answer,
     rewrite_formula,
 )
-from symid.lessons.textbook import BOOK_NAMES, write_symbol
+from symid.lessons.textbook import load_books, write_symbol
 from symid.robot import load_robot
 from symid.robot.toml_reader import parse_robot
 
@@ -116,7 +116,7 @@ def describe(lesson):
 VARIANTS = [{}, {"angle": "theta"}, {"angle": "q", "long": True}]
 
 
-@pytest.mark.parametrize("notation", BOOK_NAMES)
+@pytest.mark.parametrize("notation", load_books())
 @pytest.mark.parametrize("name", [*LINKS, "rrp", *LONG])
 def test_answers_typed_as_shown_are_right_and_near_ones_wrong(name, notation):
     described = []
@@ -147,7 +147,7 @@ def test_answers_typed_as_shown_are_right_and_near_ones_wrong(name, notation):
         assert found == [right for *_, right in lesson["cases"]]
 
 
-@pytest.mark.parametrize("notation", BOOK_NAMES)
+@pytest.mark.parametrize("notation", load_books())
 @pytest.mark.parametrize("name", [*LINKS, "rrp", *LONG])
 def test_every_letter_that_is_shown_has_one_meaning(name, notation):
     lesson = build(name, notation)

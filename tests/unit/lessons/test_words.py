@@ -9,10 +9,9 @@ import symid
 from symid.cli.main import run
 from symid.environment import locate_resource_folder
 from symid.lessons import get_book
-from symid.lessons.chapters import list_items
+from symid.lessons.chapters import list_items, load_pairs, load_words
 from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.page import write_lesson
-from symid.lessons.words import load_pairs, load_words
 from symid.robot import load_robot
 
 ENGLISH = re.compile(
@@ -36,20 +35,10 @@ def list_texts(robot, book):
             yield from re.findall(r"\\text\{([^{}]*)\}", item.latex)
 
 
-@pytest.mark.parametrize(
-    "name",
-    [
-        "two_link",
-        "two_link_symbols",
-        "two_link_elastic",
-        "ppr",
-        "scara",
-        "rrp_twisted",
-        "emps",
-        "quadruped",
-        "two_arms",
-    ],
-)
+ROBOTS = "two_link two_link_symbols two_link_elastic ppr scara rrp_twisted emps quadruped two_arms"
+
+
+@pytest.mark.parametrize("name", ROBOTS.split())
 def test_no_sentence_of_a_chapter_stays_in_english(name):
     for book in (get_book("symid"), get_book("siciliano")) if name != "quadruped" else (get_book("craig"),):
         for text in list_texts(load_robot(name), book):

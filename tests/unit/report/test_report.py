@@ -12,8 +12,8 @@ from symid.identification.rigid.validation import validate_estimate
 from symid.report import pages
 from symid.report.blocks import split_sections
 from symid.report.figures import TIME, Line, build_line_figure, thin_line
-from symid.report.fit_text import show_estimate
 from symid.report.identification_page import build_identification_page
+from symid.report.texts import show_estimate
 from symid.report.verdict import judge_identification
 from symid.robot.description import Processing
 from tests.pages import PageReader

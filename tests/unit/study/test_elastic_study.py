@@ -8,20 +8,15 @@ import pytest
 
 from symid.codegen.cache import prepare_library
 from symid.errors import UsageError
+from symid.excitation import build_ta
 from symid.report.study_text import _show_dataset
 from symid.robot.toml_reader import read_robot
+from symid.simulation import simulate_elastic
 from symid.study import elastic_methods as elastic_study
 from tests.refusals import raises
 
-RUN = elastic_study.MethodRun(
-    method="weighted",
-    parameter_error=1.5,
-    hysteresis_error=2.0,
-    excited_error=2.5,
-    outcome="solved",
-    iterations=7,
-    seconds=0.5,
-)
+ERRORS = {"parameter_error": 1.5, "hysteresis_error": 2.0, "excited_error": 2.5}
+RUN = elastic_study.MethodRun(method="weighted", outcome="solved", iterations=7, seconds=0.5, **ERRORS)
 
 
 @pytest.mark.parametrize(
@@ -35,6 +30,18 @@ def test_times_stand_in_the_table_where_they_are_asked_for_only(timed, seconds, 
     table = _show_dataset(elastic_study.DatasetStudy(**told, bound=math.nan, spring_bound=math.nan))
     assert str(table).split()[-2:] == end
     assert ("s" in table.header) is timed
+
+
+def test_bounds_of_noisy_logs_are_lower_where_the_form_of_the_springs_is_known(robots_folder):
+    robot = read_robot(robots_folder / "two_link_elastic.toml")
+    library, options = prepare_library(robot), elastic_study.SensorCondition.NOISY.build_options()
+    run = simulate_elastic(robot, library, build_ta(duration=4.0), options, np.random.default_rng(1))
+    truth = elastic_study.get_true_parameters(library.card)
+    scene = elastic_study.ElasticScene(library=library, truth=truth, runs={"TA": run})
+    without, springs = once = elastic_study._compute_bounds(scene, ("TA",))
+    assert 0.0 < springs < without
+    twice = elastic_study._compute_bounds(scene, ("TA", "TA"))
+    np.testing.assert_allclose(np.array(once) / twice, math.sqrt(2.0), rtol=1e-3)
 
 
 @pytest.fixture(scope="module")
