@@ -161,7 +161,7 @@ class ConsistentSolution:
 
 
 def fit_consistent(
-    rows: Rows, identifiability: Identifiability, freedom: str = "band", *, bodies: Bodies | None
+    rows: Rows, identifiability: Identifiability, freedom: str = "band", *, bodies: Bodies | None = None
 ) -> RegressionFit:
     """Return the fit of bodies that exist, as `fit_ols`; raise UsageError where no bodies are given."""
     if bodies is None:

@@ -35,7 +35,7 @@ from symid.codegen import ModelCard
 from symid.errors import Notice, UsageError
 from symid.identification import regression
 from symid.identification.estimators import least_squares
-from symid.identification.estimators.consistent import Bodies, fit_consistent
+from symid.identification.estimators.consistent import fit_consistent
 from symid.identification.estimators.estimate import Estimate
 from symid.identification.estimators.least_squares import RegressionFit
 from symid.identification.judge import POLICY, numerics
@@ -101,7 +101,7 @@ def fit_ridge(
     identifiability: Identifiability,
     freedom: str = "band",
     *,
-    prior: Prior | None,
+    prior: Prior | None = None,
     prior_weight: float | None = None,
 ) -> RegressionFit:
     """Return the fit near a prior, as `fit_ols`; `prior_weight` None is chosen by cross validation."""
@@ -271,20 +271,6 @@ def fit_sequential(rows: Rows, identifiability: Identifiability, freedom: str = 
     return replace(together, values=values, covariance=covariance, residuals=residuals, report=report)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class EstimatorOptions:
-    """What estimators need besides rows; each reads its own.
-
-    `prior` and `prior_weight` (None to choose it) are those of ridge; `bodies` of consistent; `noise` (g, g)
-    the covariance of the noise between joints for gls, None to estimate it.
-    """
-
-    prior: Prior | None = None
-    prior_weight: float | None = None
-    bodies: Bodies | None = None
-    noise: FloatArray | None = None
-
-
 ESTIMATORS: Mapping[str, Callable[..., RegressionFit]] = {
     "ols": least_squares.fit_ols,
     "wls": least_squares.fit_wls,
@@ -294,17 +280,5 @@ ESTIMATORS: Mapping[str, Callable[..., RegressionFit]] = {
     "consistent": fit_consistent,
     "sequential": fit_sequential,
 }
-_OWN = {"gls": ("noise",), "ridge": ("prior", "prior_weight"), "consistent": ("bodies",)}
-"""Options of each estimator."""
-
-
-def fit_rows(
-    estimator: str,
-    rows: Rows,
-    identifiability: Identifiability,
-    freedom: str = "band",
-    options: EstimatorOptions | None = None,
-) -> RegressionFit:
-    """Return the fit of one of `ESTIMATORS`; other arguments as for `fit_ols`."""
-    own = {name: getattr(options or EstimatorOptions(), name) for name in _OWN.get(estimator, ())}
-    return ESTIMATORS[estimator](rows, identifiability, freedom, **own)
+"""All take rows, what can be identified from them and `freedom`; gls `noise`, ridge `prior` and
+`prior_weight`, consistent `bodies` as well."""

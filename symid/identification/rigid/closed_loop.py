@@ -390,7 +390,7 @@ def fit_output_error(problem: ClosedLoopProblem, start: Mapping[str, float]) -> 
             )
             blind = Notice(code="identify.blind-simulation", text=text)
             raise IdentifiabilityError(blind, *error.notices) from error
-        fit = estimators.fit_rows("wls", shifted, identifiability, processing.noise_freedom)
+        fit = estimators.fit_wls(shifted, identifiability, processing.noise_freedom)
         return ClosedLoopFit(fit=fit, identifiability=identifiability, rows=rows, simulated=rows)
 
     return _iterate(problem, start, solve)

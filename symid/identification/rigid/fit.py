@@ -16,6 +16,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +62,7 @@ def identify_parameters(
     window: float | None = None,
     overlap: float = 0.0,
     rule: regression.RankRule | None = None,
-    options: estimators.EstimatorOptions | None = None,
+    options: Mapping[str, Any] | None = None,
     weights: Sequence[float] | None = None,
     echo: Mapping[str, object] | None = None,
     largest: float = numerics.LARGEST,
@@ -79,7 +80,7 @@ def identify_parameters(
         window: s, length of the windows of momentum, filtered and energy rows; None for the default.
         overlap: part of a window that the next one shares, of momentum and energy rows.
         rule: when a parameter counts as not identifiable.
-        options: of the estimator.
+        options: of the estimator, see `ESTIMATORS`.
         weights: of each recording's squared residuals; one if None.
         echo: further settings to keep with the result, such as the log's columns.
         plan: settings and estimator, where they were chosen before.
@@ -182,7 +183,7 @@ def fit_in_memory(
     plan: FitPlan,
     *,
     rule: regression.RankRule,
-    options: estimators.EstimatorOptions | None = None,
+    options: Mapping[str, Any] | None = None,
     weights: Sequence[float] | None = None,
 ) -> FittedRows:
     """Return the fit of recordings whose equations are all in memory; `weights` as for `stack_rows`."""
@@ -209,7 +210,7 @@ def fit_in_memory(
     freedom = used.noise_freedom
     if instruments is None:
         identifiability = regression.analyse_identifiability(built, rule)
-        fit = estimators.fit_rows(plan.estimator, built, identifiability, freedom, options)
+        fit = estimators.ESTIMATORS[plan.estimator](built, identifiability, freedom, **(options or {}))
         influence = estimators.measure_influence(built, identifiability.basis, fit.weights, fit.residuals)
     else:
         instruments = regression.select_rows(instruments, kept)
@@ -233,7 +234,7 @@ def fit_in_memory(
         fit = replace(fit, covariance=covariance)
     else:
         # Other estimators keep their covariance, each deviation times what colour adds to that of wls.
-        plain = estimators.fit_rows("wls", built, identifiability)
+        plain = estimators.fit_wls(built, identifiability)
         influence = estimators.measure_influence(built, identifiability.basis, plain.weights, plain.residuals)
         coloured = np.diag(estimators.compute_coloured_covariance(built, influence))
         white = np.diag(plain.covariance)

@@ -1,6 +1,6 @@
 """The plan of a fit: options of a call checked, and what they leave open settled from the logs.
 
-Options, robot -> checked options, `EstimatorOptions`. Library, recordings, Processing, options -> `FitPlan`.
+Options, robot -> checked options, those of the estimator. Library, recordings, options -> `FitPlan`.
 
     rows        one sample in r = 0.4 rate / band, so that decimation passes what lies within the band
     cut-off     at which noise and blur of the velocities are equal
@@ -14,6 +14,7 @@ Not supported: a choice for power and energy rows, and for logs with fewer rows 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -243,7 +244,7 @@ def build_estimator_options(
     options: RigidOptions,
     *,
     prior: estimators.Estimate | None = None,
-) -> estimators.EstimatorOptions:
+) -> dict[str, Any]:
     """Return the options of an estimator; `prior` is of the same model, None for values of the robot file."""
     if estimator == "ridge":
         known = (
@@ -251,11 +252,9 @@ def build_estimator_options(
             if prior is None
             else estimators.build_prior_of_estimate(prior, options.prior_factor or 1.0)
         )
-        return estimators.EstimatorOptions(prior=known, prior_weight=options.prior_weight)
+        return {"prior": known, "prior_weight": options.prior_weight}
     if estimator == "consistent":
-        return estimators.EstimatorOptions(bodies=estimators.build_bodies(robot))
+        return {"bodies": estimators.build_bodies(robot)}
     if estimator == "gls" and options.period:
-        return estimators.EstimatorOptions(
-            noise=estimators.estimate_period_noise(recordings, robot.processing, options.period)
-        )
-    return estimators.EstimatorOptions()
+        return {"noise": estimators.estimate_period_noise(recordings, robot.processing, options.period)}
+    return {}
