@@ -436,10 +436,8 @@ def check_comparison_gate(found: Compared, gate: float | None) -> tuple[Notice, 
     if comparison.largest <= gate:
         return ()
     (worst,) = comparison.list_farthest(0.0, 1)
-    text = (
-        f"{found.groups[worst].text} differs by {comparison.largest:.4g} standard deviations, "
-        f"more than the gate of {gate:g}"
-    )
+    text = f"{found.groups[worst].text} differs by {comparison.largest:.4g} standard deviations, "
+    text += f"more than the gate of {gate:g}"
     return (Notice(code="compare.gate", text=text, file=file),)
 
 

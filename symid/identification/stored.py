@@ -218,10 +218,8 @@ def read_rigid(given: GivenResult, card: ModelCard) -> Estimate:
         text = "expected base parameters of a rigid robot, as `robot.identify` returns them"
         raise EstimateError(Notice(code="estimate.kind", text=text, file=file))
     if isinstance(found, FrictionIdentification):
-        text = (
-            "this is a fit of friction (--rows friction); --known needs base parameters, identified with "
-            "`symid identify ROBOT LOG... -o FILE`"
-        )
+        text = "this is a fit of friction (--rows friction); --known needs base parameters, identified with "
+        text += "`symid identify ROBOT LOG... -o FILE`"
         raise EstimateError(Notice(code="estimate.friction", text=text, file=file))
     if not isinstance(found, Estimate):
         text = "this is an estimate of elastic joints; give one of a robot identified as rigid"

@@ -251,10 +251,8 @@ def _validate_elastic(
         if entry.identifiable and reached[entry.joint] - entry.torsion > POLICY.relevance * entry.torsion
     ]
     if beyond:
-        text = (
-            "torsion is larger than in the logs of the fit, so springs are extrapolated: "
-            f"{', '.join(beyond)}; identify from logs with as much torsion"
-        )
+        text = "torsion is larger than in the logs of the fit, so springs are extrapolated: "
+        text += f"{', '.join(beyond)}; identify from logs with as much torsion"
         warnings.append(Notice(code="validate.beyond-torsion", text=text, file=trial.source))
     followed: TrackingComparison | None = None
     if tracking is not None:

@@ -477,10 +477,8 @@ def read_model(
                 text = f'<include file="{show(name)}"/>: a file is included once' if name else "needs a file"
                 raise RobotError(document.locate_place(place).notice("robot.mjcf-include", text))
             if not outside and not path.resolve().is_relative_to(Path(document.file).parent.resolve()):
-                text = (
-                    f'<include file="{show(name)}"/>: it is not in the folder of the model; if you trust it, '
-                )
-                text += "allow it by --include-outside (include_outside=True)"
+                text = f'<include file="{show(name)}"/>: it is not in the folder of the model; if you trust '
+                text += "it, allow it by --include-outside (include_outside=True)"
                 raise RobotError(document.locate_place(place, "file").notice("robot.mjcf-include", text))
             if not path.is_file():
                 text = f'<include file="{show(name)}"/>: there is no {path}, in the folder of the model'
@@ -650,9 +648,8 @@ def _read_equality(reading: urdf_parts.TreeReading, tendons: Mapping[str, Mappin
         if None in names:
             continue
         if not 1 <= len(joints) <= 2:
-            text = (
-                f"it holds {len(joints)} joints to each other; one joint can follow one other; remove it, or"
-            )
+            text = f"it holds {len(joints)} joints to each other; one joint can follow one other; remove it, "
+            text += "or"
             own.refuse("robot.closed-loop", f'{text} write active="false"')
         elif not free or (element.tag == "joint" and joints[0] not in free):
             text = f"joint '{joints[0]}' follows another one already; keep one of the constraints"

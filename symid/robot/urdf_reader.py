@@ -275,9 +275,8 @@ def assemble_robot(
     couplings = []
     for drive, part, stated in reading.couplings:
         if lost := [f"'{name}'" for name, _ in stated if name not in reached]:
-            text = (
-                f"turns without joints that were cut off, {shorten_names(lost)}; keep them by --base, --tip"
-            )
+            text = f"turns without joints that were cut off, {shorten_names(lost)}; keep them by --base, "
+            text += "--tip"
             part.warn("robot.coupling-cut", text)
         terms = tuple((index[name], factor) for name, factor in stated if name in index and factor)
         couplings += [replace(drive, terms=terms)] if terms else []

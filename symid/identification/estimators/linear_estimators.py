@@ -69,10 +69,8 @@ def build_prior_of_card(card: ModelCard, fraction: float) -> Prior:
     """
     stated = [entry for entry in (*card.beta, *card.friction) if entry.value is not None]
     if not stated:
-        text = (
-            f"the robot file of {card.robot!r} states no values for a prior: give inertial parameters there, "
-            "or an estimate as --prior FILE"
-        )
+        text = f"the robot file of {card.robot!r} states no values for a prior: give inertial parameters "
+        text += "there, or an estimate as --prior FILE"
         raise UsageError(Notice(code="usage.no-prior", text=text))
     values = np.array([float(entry.value or 0.0) for entry in stated])
     units = np.array([entry.unit for entry in stated])
@@ -195,10 +193,9 @@ def fit_huber(rows: Rows, identifiability: Identifiability, freedom: str = "band
     stretch = 1.0 + spent * (1.0 - inner) / (count * inner)
     square = float(np.clip(ratios, -_BEND, _BEND) ** 2 @ rows.weight)
     variance = stretch**2 * square / (independent * (count - spent)) / inner**2
-    text = (
-        f"the robust fit did not converge: after {steps} iterations it still changes by {change:.2g} "
-        "standard deviations; a residual with two levels is not one with outliers, look at the residual plots"
-    )
+    text = f"the robust fit did not converge: after {steps} iterations it still changes by {change:.2g} "
+    text += "standard deviations; a residual with two levels is not one with outliers, look at the residual "
+    text += "plots"
     return replace(
         first,
         values=values,

@@ -206,10 +206,8 @@ def simulate_closed_loop(
     log = simulate_rigid_plant(valued, RigidPlant(valued), order)
     if log.end == "away":
         seconds = recording.time[len(log.q) - 1] - recording.time[0]
-        text = (
-            f"the simulated robot left its reference after {seconds:.3g} s: the gains are not those of "
-            "the controller, or the initial parameters are far off"
-        )
+        text = f"the simulated robot left its reference after {seconds:.3g} s: the gains are not those of "
+        text += "the controller, or the initial parameters are far off"
         raise SolverError(Notice(code="solver.runaway", text=text, file=recording.source))
     return Signals(
         time=recording.time,
@@ -286,10 +284,8 @@ def _iterate(problem: ClosedLoopProblem, start: Mapping[str, float], solve: Solv
         notices = [notice for notice in error.notices if notice.code in _OF_VALUES]
         if not notices:
             raise
-        text = (
-            f"the initial parameters cannot be simulated: {notices[0].text}. Begin with others (--start), "
-            "such as those of --estimator consistent"
-        )
+        text = f"the initial parameters cannot be simulated: {notices[0].text}. Begin with others (--start), "
+        text += "such as those of --estimator consistent"
         raise SolverError(Notice(code="solver.start", text=text)) from error
     changes: list[float] = []
     while True:
@@ -310,10 +306,8 @@ def _iterate(problem: ClosedLoopProblem, start: Mapping[str, float], solve: Solv
         if share * changes[-1] < POLICY.relevance:
             break
         if len(changes) == numerics.ROUNDS:
-            text = (
-                f"not converged: after {len(changes)} simulations parameters still change by "
-                f"{changes[-1]:.2g} standard deviations. Check the controller, or record more excitation"
-            )
+            text = f"not converged: after {len(changes)} simulations parameters still change by "
+            text += f"{changes[-1]:.2g} standard deviations. Check the controller, or record more excitation"
             raise SolverError(Notice(code="solver.controlled-robot", text=text))
         # Half of the step, and again, where it leads to no robot.
         while True:
@@ -324,11 +318,9 @@ def _iterate(problem: ClosedLoopProblem, start: Mapping[str, float], solve: Solv
                 share *= 0.5
                 if share * changes[-1] >= POLICY.relevance:
                     continue
-                text = (
-                    f"the parameters that explain the torque cannot be simulated: {error.notices[0].text}. "
-                    "Check gains, torque limits and reference, record more excitation, or add the missing "
-                    "term to the model"
-                )
+                text = "the parameters that explain the torque cannot be simulated: "
+                text += f"{error.notices[0].text}. Check gains, torque limits and reference, record more "
+                text += "excitation, or add the missing term to the model"
                 raise SolverError(Notice(code="solver.controlled-robot", text=text)) from error
         values = values + share * step
     apart: list[FloatArray] = []
@@ -384,10 +376,8 @@ def fit_output_error(problem: ClosedLoopProblem, start: Mapping[str, float]) -> 
         try:
             identifiability = regression.analyse_identifiability(shifted, problem.rule)
         except IdentifiabilityError as error:
-            text = (
-                "the simulated robot does not move enough: the reference of the log hardly moves, or the "
-                "simulated robot does not follow it. Check q_ref, its unit and [controller]"
-            )
+            text = "the simulated robot does not move enough: the reference of the log hardly moves, or the "
+            text += "simulated robot does not follow it. Check q_ref, its unit and [controller]"
             blind = Notice(code="identify.blind-simulation", text=text)
             raise IdentifiabilityError(blind, *error.notices) from error
         fit = estimators.fit_wls(shifted, identifiability, processing.noise_freedom)

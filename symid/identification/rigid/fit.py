@@ -117,9 +117,8 @@ def identify_parameters(
                 raise
             # Instruments that were chosen fail where a joint is explained to the last bit.
             usual = "wls" if library.card.size > 1 else "ols"
-            text = (
-                f"the instruments do not determine all parameters, so that the estimator is {usual} instead"
-            )
+            text = f"the instruments do not determine all parameters, so that the estimator is {usual} "
+            text += "instead"
             note = Notice(code="identify.automatic", text=text)
             used = replace(used, instrument_cutoff=None)
             plan = replace(plan, processing=used, estimator=usual, notices=(*plan.notices, note))
@@ -271,10 +270,8 @@ def mask_resting_rows(
             length = max(2, round(1.0 / (scoring * period)))
             rest[part] = regression.mask_rest(speed[part], top, length)
         if rest[own].any():
-            text = (
-                f"joint {rows.group_names[group]!r}: at {int(rest[own].sum())} of {int(own.sum())} samples "
-                "it rests, where stiction holds any torque; they were left out of the fit"
-            )
+            text = f"joint {rows.group_names[group]!r}: at {int(rest[own].sum())} of {int(own.sum())} "
+            text += "samples it rests, where stiction holds any torque; they were left out of the fit"
             notices.append(Notice(code="identify.slow-rows", text=text))
     return rest, tuple(notices)
 

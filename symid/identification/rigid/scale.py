@@ -159,9 +159,8 @@ def describe_scales(scales: Sequence[JointScale], file: str, code: str) -> tuple
     if not beyond:
         return ()
     listed = ", ".join(f"{entry.joint!r} {entry.ratio:.3g}" for entry in beyond)
-    text = (
-        f"the torques differ in scale from the robot file's values ({listed} times): they may be motor "
-        "currents, percent, or of the motor side, or these values are wrong; state unit and side in "
-        "[log.torque], gears and torque constants in [joint.drive], or give --units torque=A to `symid new`"
-    )
+    text = f"the torques differ in scale from the robot file's values ({listed} times): they may be motor "
+    text += "currents, percent, or of the motor side, or these values are wrong; state unit and side in "
+    text += "[log.torque], gears and torque constants in [joint.drive], or give --units torque=A to `symid "
+    text += "new`"
     return (Notice(code=code, text=text, file=file),)
