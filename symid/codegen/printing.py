@@ -323,8 +323,7 @@ def print_c(program: Program, precision: str, *, together: bool = False) -> Func
         port.name: (f"{'const ' * (place < len(spec.inputs))}{precision} {port.name}[restrict {port.size}]")
         for place, port in enumerate((*spec.inputs, *spec.outputs))
     }
-    body = _join_parts(printer, "part", ports, {})
-    return replace(body, helpers=tuple(helpers))
+    return replace(_join_parts(printer, "part", ports, {}), helpers=tuple(helpers))
 
 
 def is_long(program: Program) -> bool:

@@ -187,8 +187,7 @@ def choose_reading(read: Callable[..., Robot]) -> Robot:
             f"as written, {hung} would hinge on the last digits of the file. This changes {price}; if the "
         )
         text += f"angles are meant as written, use {remedy}"
-    note = Notice(code=code, text=text, file=rounded.path)
-    return replace(rounded, notices=(*rounded.notices, note))
+    return replace(rounded, notices=(*rounded.notices, Notice(code=code, text=text, file=rounded.path)))
 
 
 def _group_columns(matrix: FloatArray) -> FloatArray:

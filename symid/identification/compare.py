@@ -490,7 +490,7 @@ def compare_with_table(
         texts = (f"--read-as {text!r}: {remedy}" for text in unknown)
         raise UsageError(*(Notice(code="usage.read-as", text=text, file=file) for text in texts))
     try:
-        dynamics.build_regrouping(base, [row.name for row in rows], [repr(row.text) for row in rows])
+        dynamics.check_independent([row.name for row in rows], [repr(row.text) for row in rows])
     except UsageError as error:
         notices = []
         for entry in error.notices:

@@ -275,8 +275,7 @@ def place_in_source(
     robot: robots.Robot, made: robots.SourceFile, *, in_place: bool
 ) -> tuple[str, robots.Robot, list[Notice]]:
     """Return the text of the URDF or MJCF `made`, and its robot with the values of `robot`, made from it."""
-    file = Path(made.file)
-    source = robots.read_urdf_text(file, keep_ends=True, arguments=dict(made.xacro))
+    source = robots.read_urdf_text(Path(made.file), keep_ends=True, arguments=dict(made.xacro))
     before = robots.parse_xml_robot(source.text, source.file, base=made.base, tip=made.tip, snap=made.snap)
     if in_place and source.file != made.file:
         told = "this is a xacro file, a program that writes a URDF; give a name that ends in .urdf (-o FILE)"

@@ -71,8 +71,7 @@ def write_fit(
     if isinstance(record, FitRecord):
         head = {"format": _FORMAT, "version": _VERSION, "kind": record.kind}
     head |= {} if verdict is None else {"verdict": write_plain(verdict)}
-    text = json.dumps(head | body, indent=1, allow_nan=False, ensure_ascii=False)
-    return write_file(path, text + "\n")
+    return write_file(path, json.dumps(head | body, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
 
 
 def write_result(what: str, found: object, path: Path, described: Mapping[str, object]) -> Path:

@@ -130,9 +130,9 @@ def build_file_error(path: Path, text: str, code: str = "log.format") -> LogErro
 
 
 UNITS_ARRAY = "units"
+"""Name of the array that states units."""
 SIMULATED = "simulated"
 """Column of a simulated log, whose unit is the signature of the values it was made from."""
-"""Name of the array that states units."""
 
 _NPY_MAGIC = b"\x93NUMPY"
 

@@ -226,8 +226,7 @@ def cut_recording(recording: Recording, kept: slice) -> Recording:
     if whole is None:
         # A file is known by its own digest.
         in_memory = not os.path.isfile(recording.source)  # noqa: PTH113  (a source may be any text)
-        digest = compute_signature(recording.torque) if in_memory else ""
-        whole = replace(recording.extent, digest=digest)
+        whole = replace(recording.extent, digest=compute_signature(recording.torque) if in_memory else "")
     extras = dict(recording.extras)
     extras |= {name: part[kept] for name, part in extras.items() if len(part) == len(recording.time)}
     return replace(change_channels(recording, lambda values: values[kept]), extras=extras, whole=whole)

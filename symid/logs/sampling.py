@@ -218,8 +218,7 @@ def resample_log(
         findings.refuse("log.not-finite", "the time column has values that are not finite")
         raise LogError(*findings.mistakes)
     plan = plan or plan_resampling(time, file)
-    stamps = raw.columns[names[0]]
-    factor = float(np.ptp(stamps) / np.ptp(time))
+    factor = float(np.ptp(raw.columns[names[0]]) / np.ptp(time))
     own = {name: part for name, part in raw.columns.items() if len(np.atleast_1d(part)) == len(time)}
     moved = {name: plan.move(part) for name, part in own.items()}
     return replace(raw, columns={**raw.columns, **moved, names[0]: plan.after * factor}), plan.notice

@@ -641,12 +641,9 @@ def compute_least_samples(processing: Processing) -> int:
 
 def describe_too_short(samples: int, processing: Processing, file: str = "") -> Notice:
     """Return the notice on a log with fewer samples than `compute_least_samples`."""
-    return Notice(
-        code="log.too-short",
-        file=file,
-        text=f"the log has {samples} samples; filter, cut ends ({processing.drop_first} first, "
-        f"{processing.drop_last} last) and decimation need at least {compute_least_samples(processing)}",
-    )
+    text = f"the log has {samples} samples; filter, cut ends ({processing.drop_first} first, "
+    text += f"{processing.drop_last} last) and decimation need at least {compute_least_samples(processing)}"
+    return Notice(code="log.too-short", text=text, file=file)
 
 
 def describe_uneven(time: FloatArray, file: str = "") -> Notice | None:

@@ -130,8 +130,7 @@ def read_classes(reading: urdf_parts.TreeReading, elements: Sequence[XmlElement]
             text = f'the outermost class is main; write <default class="{show(name)}"> into it'
             if above:
                 text = "its name is taken; each needs its own" if name else "needs a name: write class=..."
-            part = reading.enter(element, f"default class '{name}'")
-            part.refuse("robot.duplicate-class", text, "class")
+            reading.enter(element, f"default class '{name}'").refuse("robot.duplicate-class", text, "class")
             continue
         inherited = reading.classes.get(above or "main", {})
         stated = {kind: dict(entries) for kind, entries in inherited.items()}
@@ -510,8 +509,7 @@ def _skip(reading: urdf_parts.TreeReading, element: XmlElement, kind: str = "") 
 def _skip_attributes(reading: urdf_parts.TreeReading, element: XmlElement) -> None:
     for name in element.attributes:
         if name not in _KNOWN[element.tag]:
-            kind = f"{name} of <{element.tag}>"
-            reading.group(urdf_parts.MJCF_UNUSED, _UNUSED, kind, element, name)
+            reading.group(urdf_parts.MJCF_UNUSED, _UNUSED, f"{name} of <{element.tag}>", element, name)
 
 
 def _lose(reading: urdf_parts.TreeReading, kind: str, element: XmlElement, attribute: str = "") -> None:

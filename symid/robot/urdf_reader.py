@@ -241,8 +241,7 @@ def read_urdf(document: XmlDocument, snap: float) -> tuple[TreeReading, bool]:
         raise RobotError(document.locate_place(root).notice("robot.no-urdf", text))
     reading = read_parts(document, snap)
     joints, links = (len(list(root.find_all(tag))) for tag in ("joint", "link"))
-    complete = (len(reading.joints), len(reading.links)) == (joints, links)
-    return reading, complete
+    return reading, (len(reading.joints), len(reading.links)) == (joints, links)
 
 
 def assemble_robot(

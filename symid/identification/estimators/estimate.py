@@ -342,8 +342,7 @@ class Residual:
         cls, joint: str, norm: float, whole: float, samples: int, unit: str, std: float
     ) -> "Residual":
         """Return the residual of errors and measured values with the norms `norm` and `whole`."""
-        percent = 100.0 * norm / whole if whole else float("inf")
-        return cls(joint, norm, percent, std, samples, unit)
+        return cls(joint, norm, 100.0 * norm / whole if whole else float("inf"), std, samples, unit)
 
 
 def compute_mean_relative(residual: Sequence[Residual]) -> float:

@@ -207,8 +207,7 @@ def fit_gls(
     if len(rows.group_names) == 1:
         return replace(first, report={"noise_correlation": 0.0})
     known = estimate_noise_covariance(rows, first) if noise is None else np.asarray(noise, dtype=np.float64)
-    whitened = whiten_rows(rows, known)
-    found = fit_weighted(whitened, identifiability, np.ones(len(rows.group_names)), freedom)
+    found = fit_weighted(whiten_rows(rows, known), identifiability, np.ones(len(rows.group_names)), freedom)
     size = np.sqrt(np.diag(known))
     correlation = known / np.outer(size, size)
     return replace(

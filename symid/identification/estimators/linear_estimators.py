@@ -243,8 +243,7 @@ def fit_sequential(rows: Rows, identifiability: Identifiability, freedom: str = 
     ]
     # What no joint determines well on its own.
     weights = least_squares.estimate_group_weights(rows, identifiability, freedom)
-    whole = regression.stack_condensed(condensed, weights)
-    stages.append(("all together", whole, len(rows.values), 0.0))
+    stages.append(("all together", regression.stack_condensed(condensed, weights), len(rows.values), 0.0))
     # x and its covariance so far, and the directions (p, k) that are still open.
     values, covariance, unknown = np.zeros(count), np.zeros((count, count)), identifiability.basis
     order: list[dict[str, object]] = []

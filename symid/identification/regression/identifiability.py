@@ -67,8 +67,7 @@ def extend_triangle(triangle: FloatArray, blocks: Iterable[FloatArray]) -> Float
     upper = triangle[triangle.any(axis=1)]
     for block in blocks:
         live = block.any(axis=0) | upper.any(axis=0)
-        stacked = np.vstack([upper[:, live], block[:, live]])
-        reduced = compute_triangle(stacked)
+        reduced = compute_triangle(np.vstack([upper[:, live], block[:, live]]))
         upper = np.zeros((len(reduced), size))
         upper[:, live] = reduced
     full = np.zeros((size, size))
