@@ -55,19 +55,11 @@ _NAME = re.compile(r"[A-Za-z_]\w*")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FunctionBody:
-    """Statements of a C function (calls of its `parts`, if any), and definitions of its helpers, sorted."""
+    """Statements of a C function, definitions of its helpers, `parts` called (declaration, statements)."""
 
     statements: tuple[str, ...]
     helpers: tuple[str, ...] = ()
-    parts: tuple["FunctionPart", ...] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FunctionPart:
-    """A part of a long function: `head` is its declaration."""
-
-    head: str
-    statements: tuple[str, ...]
+    parts: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
 
 def write_literal(value: float, precision: str = "double") -> str:
@@ -342,8 +334,7 @@ def _join_parts(
         statements = tuple(_place_loads(loads, lines))
         named = set(_NAME.findall(" ".join(statements)))
         given = [port for port in ports if port in named]
-        head = f"PART void {name}_{place}({', '.join(ports[port] for port in given)})"
-        parts.append(FunctionPart(head=head, statements=statements))
+        parts.append((f"PART void {name}_{place}({', '.join(ports[port] for port in given)})", statements))
         calls.append(f"{name}_{place}({', '.join(given)});")
     return FunctionBody(statements=tuple(calls), parts=tuple(parts))
 
