@@ -525,7 +525,7 @@ def _write_sources(material: Material) -> list[tuple[str, str]]:
     for program in material.programs:
         spec, body = program.spec, printing.print_c(program, real, together=own)
         lanes = printing.print_simd(program, real) if own else printing.FunctionBody(statements=())
-        text = "\n".join(chain(body.statements, *(part.statements for part in body.parts)))
+        text = "\n".join(chain(body.statements, *(lines for _, lines in body.parts)))
         includes = []
         if lanes.statements or "find_sines(" in text:
             includes.append(f'#include "{prefix}{_SIMD_HEADER}"')

@@ -468,8 +468,7 @@ def prepare_library(
                 builder = replace(compiler, flags=(*compiler.flags, *flags))
                 compile_sources(builder, sources, binary, straight=True)
 
-        entry = CacheEntry(name=prefix, key=key, make=make, load=load_library)
-        library, more = obtain_entry(entry, cache)
+        library, more = obtain_entry(CacheEntry(name=prefix, key=key, make=make, load=load_library), cache)
         library.notices = (*more, *notices)
         return library
 

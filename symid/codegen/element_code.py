@@ -72,8 +72,7 @@ def build_step(elasticity: joint_models.Elasticity, *, rated: bool = False) -> P
     step = joint_models.advance_element(table, elasticity, values, held, states, velocity=velocity)
     stored = table.zero if step.stored is None else step.stored
     outputs = {"y": [step.output], "after": step.states, "stored": [stored]}
-    sizes = {"held": 3 if rated else 2, "states": len(states)}
-    return table.build_vector_program("step", sizes, outputs)
+    return table.build_vector_program("step", {"held": 3 if rated else 2, "states": len(states)}, outputs)
 
 
 def _build_programs(elasticity: joint_models.Elasticity) -> dict[str, Program]:

@@ -596,8 +596,7 @@ def load_library(folder: Path) -> Library:
         files = source_folder.get_listed_digests(manifest)
         digest = compute_build_digest(card, prefix=prefix, precision=precision, files=files)
         if target != "casadi":
-            engine = _CompiledEngine(binary, prefix=prefix, precision=precision, digest=digest)
-            return Library(card, engine)
+            return Library(card, _CompiledEngine(binary, prefix=prefix, precision=precision, digest=digest))
         import casadi as ca
 
         with _open_copy(binary, prefix, digest) as (shared, copy):

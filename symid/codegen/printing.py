@@ -55,19 +55,11 @@ _NAME = re.compile(r"[A-Za-z_]\w*")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FunctionBody:
-    """Statements of a C function (calls of its `parts`, if any), and definitions of its helpers, sorted."""
+    """Statements of a C function, definitions of its helpers, `parts` called (declaration, statements)."""
 
     statements: tuple[str, ...]
     helpers: tuple[str, ...] = ()
-    parts: tuple["FunctionPart", ...] = ()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FunctionPart:
-    """A part of a long function: `head` is its declaration."""
-
-    head: str
-    statements: tuple[str, ...]
+    parts: tuple[tuple[str, tuple[str, ...]], ...] = ()
 
 
 def write_literal(value: float, precision: str = "double") -> str:
@@ -323,8 +315,7 @@ def print_c(program: Program, precision: str, *, together: bool = False) -> Func
         port.name: (f"{'const ' * (place < len(spec.inputs))}{precision} {port.name}[restrict {port.size}]")
         for place, port in enumerate((*spec.inputs, *spec.outputs))
     }
-    body = _join_parts(printer, "part", ports, {})
-    return replace(body, helpers=tuple(helpers))
+    return replace(_join_parts(printer, "part", ports, {}), helpers=tuple(helpers))
 
 
 def is_long(program: Program) -> bool:
@@ -343,8 +334,7 @@ def _join_parts(
         statements = tuple(_place_loads(loads, lines))
         named = set(_NAME.findall(" ".join(statements)))
         given = [port for port in ports if port in named]
-        head = f"PART void {name}_{place}({', '.join(ports[port] for port in given)})"
-        parts.append(FunctionPart(head=head, statements=statements))
+        parts.append((f"PART void {name}_{place}({', '.join(ports[port] for port in given)})", statements))
         calls.append(f"{name}_{place}({', '.join(given)});")
     return FunctionBody(statements=tuple(calls), parts=tuple(parts))
 

@@ -27,7 +27,7 @@ from symid.codegen.printing import print_javascript, print_python
 from symid.codegen.programs import Operations, Program
 from symid.codegen.references import PER_UNIT, TOLERANCES, WEIGHTS, ReferenceRows
 from symid.codegen.source_folder import SourceSet
-from symid.codegen.source_text import BANNER
+from symid.codegen.source_text import BANNER, write_template
 from symid.options import GenerateOptions
 
 # Derivatives of the forward dynamics amplify rounding errors by the square of what the dynamics do.
@@ -79,20 +79,14 @@ def _describe_array_port(port: Port) -> str:
 
 def _describe_function(program: Program, count: Operations) -> Fields:
     spec = program.spec
-    prepared = [f'{port.name} = _prepare("{port.name}", {port.name}, {port.shape!r})' for port in spec.inputs]
     samples = [f"{port.name}.shape[:-{len(port.shape)}]" for port in spec.inputs if not port.shared]
-    shaped = [(port.name, ", ".join(map(str, port.shape))) for port in spec.outputs]
-    allocated = [f"{name} = np.zeros((*samples, {shape}))" for name, shape in shaped]
-    shapes = f"samples = np.broadcast_shapes({', '.join(samples)})"
     return {
-        "name": spec.name,
-        "meaning": spec.meaning,
-        "arguments": ", ".join(port.name for port in spec.inputs),
+        "spec": spec,
         "inputs": list(map(_describe_array_port, spec.inputs)),
         "outputs": list(map(_describe_array_port, spec.outputs)),
         "operations": write_operations(count),
-        "statements": [*prepared, shapes, *allocated, *print_python(program)],
-        "returns": ", ".join(port.name for port in spec.outputs),
+        "samples": ", ".join(samples),
+        "statements": print_python(program),
     }
 
 
@@ -115,24 +109,16 @@ def generate_python_module(functions: Functions, options: GenerateOptions | None
     return material.collect("python", files)
 
 
-def write_javascript_function(program: Program, *, exported: bool = True) -> list[str]:
+def write_javascript_function(program: Program, *, exported: bool = True) -> str:
     """Return a JavaScript function, its comment with shapes and units before it."""
-    spec = program.spec
-    lines = [f"/** Return the {spec.meaning}.", " *"]
-    lines += [f" * @param {port.name} {_describe_flat_port(port)}" for port in spec.inputs]
-    lines += [f" * returns {port.name} {_describe_flat_port(port)}" for port in spec.outputs]
-    lines.append(" */")
-    head = f"function {spec.name}({', '.join(port.name for port in spec.inputs)}) {{"
-    lines.append(f"export {head}" if exported else head)
-    lines += [f"  const {port.name} = new Float64Array({port.size});" for port in spec.outputs]
-    lines += [f"  {line}" for line in print_javascript(program)]
-    names = ", ".join(port.name for port in spec.outputs)
-    lines.append(f"  return {names if len(spec.outputs) == 1 else f'{{ {names} }}'};")
-    return [*lines, "}"]
-
-
-def _describe_flat_port(port: Port) -> str:
-    return f"{' x '.join(map(str, port.shape))}, {port.meaning}, {port.unit}"
+    names = ", ".join(port.name for port in program.spec.outputs)
+    return write_template(
+        "javascript/function.mjs.jinja",
+        {"spec": program.spec},
+        head="export function" if exported else "function",
+        statements=print_javascript(program),
+        returned=names if len(program.spec.outputs) == 1 else f"{{ {names} }}",
+    )
 
 
 def generate_javascript_module(functions: Functions, options: GenerateOptions | None = None) -> SourceSet:
@@ -153,7 +139,7 @@ def generate_javascript_module(functions: Functions, options: GenerateOptions | 
         tests.append({"name": program.spec.name, **entry})
     module = material.write(
         "javascript/module.mjs.jinja",
-        functions=["\n".join(write_javascript_function(program)) for program in material.programs],
+        functions=list(map(write_javascript_function, material.programs)),
     )
     selftest = material.write(
         "javascript/selftest.mjs.jinja",

@@ -295,8 +295,7 @@ def _list_springs(workspace: RouteWorkspace, memory: str) -> list[tuple[SpringTe
 def _emit_hysteresis(workspace: RouteWorkspace, given: str, memory: str) -> Outputs:
     """Return torques from torsions phi and plays P, or back from torques tau_J and plays Q; and the plays."""
     algebra, steps = workspace.algebra, []
-    springs = zip(_list_springs(workspace, memory), workspace.inputs[given], strict=True)
-    for (spring, plays), value in springs:
+    for (spring, plays), value in zip(_list_springs(workspace, memory), workspace.inputs[given], strict=True):
         if given == "phi":
             steps.append(joint_models.advance_spring(algebra, spring, value, plays))
         else:
@@ -540,8 +539,7 @@ def choose_route(
         whole = table.build_program(spec, built[chosen])
         # Their matrices share most values: 2 to 5 % of the time.
         order = programs.order_by_growth(whole) if spec.name.endswith("derivatives") else None
-        program = programs.build_depth_first(whole, order)
-        choices.append(RouteChoice(program=program, counts=tuple(rows)))
+        choices.append(RouteChoice(program=programs.build_depth_first(whole, order), counts=tuple(rows)))
     old, new = (programs.count_operations(choice.program) for choice in (choices[0], choices[-1]))
     cheaper = new.mul + new.add < old.mul + old.add and new.trig <= old.trig
     return choices[-1] if cheaper else choices[0]

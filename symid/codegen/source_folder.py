@@ -175,8 +175,7 @@ def _write_staging(sources: SourceSet, staging: Path) -> None:
 def _remove_stale_files(folder: Path, sources: SourceSet, listed: ListedDigests) -> None:
     """Remove the files of the last run that this one does not write, if nobody changed them."""
     # Subfolders that this leaves empty go as well; what links to other folders is left alone.
-    kept = {path for path, _ in sources.files}
-    for path in sorted(listed.keys() - kept):
+    for path in sorted(listed.keys() - {path for path, _ in sources.files}):
         target, places = folder / path, _list_subfolders(folder, path)
         if any(place.is_symlink() for place in places):
             continue

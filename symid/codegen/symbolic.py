@@ -256,8 +256,7 @@ def derive_symbolic(
         raise UsageError(Notice(code="usage.unknown-input", text=text))
     inputs = {}
     for port in spec.inputs:
-        named = map(Symbol, _list_names(robot, base, port))
-        entries = list(own.get(port.name, named))
+        entries = list(own.get(port.name, map(Symbol, _list_names(robot, base, port))))
         if len(entries) != port.size:
             text = f"symbols: input '{port.name}' of '{name}' has {port.size} elements, got {len(entries)}"
             raise UsageError(Notice(code="usage.wrong-symbols", text=text))

@@ -115,7 +115,7 @@ if TYPE_CHECKING:
     )
     from symid.dynamics.regrouping import (
         OpenReading as OpenReading,
-        build_regrouping as build_regrouping,
+        check_independent as check_independent,
         evaluate_regrouping as evaluate_regrouping,
         express_group as express_group,
         list_coupled_readings as list_coupled_readings,

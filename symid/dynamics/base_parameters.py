@@ -146,12 +146,12 @@ def derive_base_parameters(robot: Robot, *, form: str = "torque") -> BaseParamet
     friction = form == "torque"
     labels = tuple(label for label in _label_parameters(robot) if friction or label[1] in _INERTIAL)
     column = {label: index for index, label in enumerate(labels)}
-    shown = derive_observable_subspace(robot, form)
-    known = ({column[label]: value for label, value in row.items() if label in column} for row in shown.rows)
+    field, shown, visible = derive_observable_subspace(robot, form)
+    known = ({column[label]: value for label, value in row.items() if label in column} for row in shown)
     written: list[BaseParameter] = []
     groups: dict[Label, list[tuple[str, Label]]] = {label: [] for label in labels}
     for row in exact_algebra.reduce_rows(known):
-        terms = tuple((labels[column], shown.field.to_sympy(value)) for column, value in sorted(row.items()))
+        terms = tuple((labels[column], field.to_sympy(value)) for column, value in sorted(row.items()))
         label, members = terms[0][0], [other for other, _ in terms[1:]]
         name = write_label(robot, label, grouped=bool(members))
         expression = write_combination([(write_label(robot, other), value) for other, value in terms])
@@ -164,7 +164,7 @@ def derive_base_parameters(robot: Robot, *, form: str = "torque") -> BaseParamet
     for label in labels:
         if label not in kept:
             # Which components of the angular velocity each attainable velocity of the link holds.
-            rows = shown.visible[label[0]].velocities if label[0] < robot.size else ()
+            rows = visible[label[0]].velocities if label[0] < robot.size else ()
             angular = [tuple(sorted(column for column in row if column < 3)) for row in rows]
             reason = explain_elimination(robot, label, groups[label], angular, form)
             name = write_label(robot, label)

@@ -123,8 +123,7 @@ def add_drive_torques(
     result = list(torques)
     for key in list_drive_parameters(recursion.robot):
         if key in parameters:
-            column = compute_drive_column(recursion, key, rates, 1)
-            for joint, entry in enumerate(column):
+            for joint, entry in enumerate(compute_drive_column(recursion, key, rates, 1)):
                 result[joint] = algebra.add(result[joint], algebra.mul(parameters[key], entry))
     return tuple(result)
 

@@ -168,8 +168,7 @@ class ExactAlgebra(OperatorAlgebra):
             squared = {monomial: c for monomial, c in value.items() if monomial[sine] > 1}
             if not squared:
                 continue
-            kept = {monomial: c for monomial, c in value.items() if monomial[sine] <= 1}
-            value = self.ring.from_dict(kept)
+            value = self.ring.from_dict({monomial: c for monomial, c in value.items() if monomial[sine] <= 1})
             complement = 1 - self.ring.gens[cosine] ** 2
             for monomial, coefficient in squared.items():
                 pairs, rest = divmod(monomial[sine], 2)
@@ -292,8 +291,7 @@ def build_basis(robot: Robot, algebra: ExactAlgebra, field: Domain) -> Trigonome
             generators.append(_Generator("symbol", known.index(name)))
             continue
         position, multiplier = rows[int(name[len(kind) :]) - 1]
-        frequency = int(multiplier * units[position])
-        generators.append(_Generator(kind, position, multiplier, frequency))
+        generators.append(_Generator(kind, position, multiplier, int(multiplier * units[position])))
     moved = [position for position, _ in rows]
     return TrigonometricBasis(
         field=field,

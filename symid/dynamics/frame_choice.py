@@ -183,12 +183,9 @@ def choose_reading(read: Callable[..., Robot]) -> Robot:
         hung = f"{counts[0]} base parameters in place of {counts[1]}"
         hung = hung if counts[0] != counts[1] else f"some of the {counts[1]} base parameters"
         code, text = "robot.rounding-assumed", "angles near multiples of pi/2 were taken as these multiples: "
-        text += (
-            f"as written, {hung} would hinge on the last digits of the file. This changes {price}; if the "
-        )
-        text += f"angles are meant as written, use {remedy}"
-    note = Notice(code=code, text=text, file=rounded.path)
-    return replace(rounded, notices=(*rounded.notices, note))
+        text += f"as written, {hung} would hinge on the last digits of the file. This changes {price}; if "
+        text += f"the angles are meant as written, use {remedy}"
+    return replace(rounded, notices=(*rounded.notices, Notice(code=code, text=text, file=rounded.path)))
 
 
 def _group_columns(matrix: FloatArray) -> FloatArray:

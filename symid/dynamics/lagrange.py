@@ -36,8 +36,7 @@ class ExactEnergy:
 def derive_energy(robot: Robot) -> ExactEnergy:
     """Return the exact energy regressors of all standard parameters (Gautier and Khalil 1988)."""
     algebra = build_exact_algebra(robot)
-    state = build_state(robot, algebra, algebra.generators)
-    recursion = build_recursion(robot, algebra, state)
+    recursion = build_recursion(robot, algebra, build_state(robot, algebra, algebra.generators))
     kinetic: dict[Label, PolyElement] = {}
     potential: dict[Label, PolyElement] = {}
     for link, motion in enumerate(recursion.motions):

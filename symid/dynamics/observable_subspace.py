@@ -146,8 +146,7 @@ def _split(basis: TrigonometricBasis, table: Sequence[Sequence[PolyElement]]) ->
     for row, entries in enumerate(table):
         for column, polynomial in enumerate(entries):
             for function, value in exact_algebra.split_polynomial(basis, polynomial).items():
-                matrix = parts.setdefault(function, [{} for _ in table])
-                matrix[row][column] = value
+                parts.setdefault(function, [{} for _ in table])[row][column] = value
     return {function: tuple(parts[function]) for function in sorted(parts)}
 
 
@@ -357,15 +356,6 @@ def derive_block(
     return exact_algebra.reduce_rows(rows), visible
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ObservableSubspace:
-    """What a robot shows: `rows` over labels, coefficients in `field`; per link what is visible there."""
-
-    field: Domain
-    rows: tuple[dict[Label, Number], ...]
-    visible: tuple[ObservableRows, ...]
-
-
 def _expand_row(carried: Carried, labels: Sequence[Label], row: Row) -> dict[Label, Number]:
     """Return a row of a block over all parameters: its links with all beyond them, and its drives."""
     result: dict[Label, Number] = {}
@@ -385,8 +375,10 @@ def _expand_row(carried: Carried, labels: Sequence[Label], row: Row) -> dict[Lab
     return result
 
 
-def derive_observable_subspace(robot: Robot, form: str) -> ObservableSubspace:
-    """Return the rows of all blocks over all parameters, and what is visible at each link.
+def derive_observable_subspace(
+    robot: Robot, form: str
+) -> tuple[Domain, tuple[dict[Label, Number], ...], tuple[ObservableRows, ...]]:
+    """Return the field, the rows of all blocks over all parameters, and what is visible at each link.
 
     The form "torque" or "energy" takes all, "gravity" torques at rest, "momentum" dT/ddq. A RobotError where
     symbols, roots and followers together make exact arithmetic too slow.
@@ -425,5 +417,4 @@ def derive_observable_subspace(robot: Robot, form: str) -> ObservableSubspace:
         visible |= dict(zip(block.joints, shown, strict=True))
     for row in build_friction_rows(robot):
         rows.append({label: field.convert(QQ(v.numerator, v.denominator)) for label, v in row.items()})
-    links = tuple(visible[link] for link in range(robot.size))
-    return ObservableSubspace(field=field, rows=tuple(rows), visible=links)
+    return field, tuple(rows), tuple(visible[link] for link in range(robot.size))

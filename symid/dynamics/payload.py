@@ -325,8 +325,7 @@ def _choose_body(system: PayloadSystem, found: FloatArray, scale: float) -> tupl
         solution = nearest_bodies.solve_body_equations(_build_body_problem(root, known, known @ found))
         if solution is None:
             # Ten rows are equivalent to all.
-            whole = np.column_stack([system.rows, system.target])
-            triangle = compute_triangle(whole)[:10]
+            triangle = compute_triangle(np.column_stack([system.rows, system.target]))[:10]
             rows, target = triangle[:, :10] / (system.sizes * scale), triangle[:, 10] / scale
             solution = nearest_bodies.optimise_bodies(_build_body_problem(root, rows, target))
     if not np.isfinite(solution.gap):

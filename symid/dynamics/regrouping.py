@@ -1,6 +1,6 @@
 """Base parameters as others group them: the exact change from our groups to theirs.
 
-Base parameters, groups written as sums of parameters -> `Regrouping`, the matrix T with theirs = T ours,
+Base parameters, groups written as sums of parameters -> the rows of the matrix T with theirs = T ours,
 exact; `OpenReading`, a term that a group may hold without naming it, for which values must decide.
 
 Our groups are in reduced echelon form: what a group of theirs holds of a representative is what it holds of
@@ -53,15 +53,6 @@ _LARGEST = 10**12
 _Terms = dict[Label, Expr]
 _Row = tuple[Expr, ...]
 _LINEAR = ("IA", "Fv")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Regrouping:
-    """theirs = T ours: `rows` of T, one a group of theirs, over `names` of ours; `absent` are in no group."""
-
-    names: tuple[str, ...]
-    rows: tuple[_Row, ...]
-    absent: tuple[str, ...]
 
 
 def read_group(text: str, robot: Robot, base: BaseParameters | None = None) -> _Terms:
@@ -141,15 +132,11 @@ def express_group(base: BaseParameters, group: Mapping[Label, Expr | Fraction], 
     raise UsageError(Notice(code="usage.other-groups", text=text))
 
 
-def build_regrouping(base: BaseParameters, rows: Sequence[_Row], titles: Sequence[str]) -> Regrouping:
-    """Return the matrix of `rows`, one a group, each as `express_group` gives it.
-
-    A UsageError names the groups that depend linearly on others.
-    """
+def check_independent(rows: Sequence[_Row], titles: Sequence[str]) -> None:
+    """Refuse groups, rows as of `express_group`, that depend linearly on others, by a UsageError."""
     notices = []
     if rows:
-        columns = DomainMatrix.from_Matrix(Matrix(rows).T, extension=True).to_field()
-        reduced, pivots = columns.rref()
+        reduced, pivots = DomainMatrix.from_Matrix(Matrix(rows).T, extension=True).to_field().rref()
         entries = reduced.to_Matrix()
     for number in range(len(rows)):
         if number not in pivots:
@@ -159,9 +146,6 @@ def build_regrouping(base: BaseParameters, rows: Sequence[_Row], titles: Sequenc
             notices.append(Notice(code="usage.other-groups", text=text))
     if notices:
         raise UsageError(*notices)
-    ours = (*base.parameters, *base.friction)
-    absent = [entry.name for k, entry in enumerate(ours) if not any(row[k] for row in rows)]
-    return Regrouping(names=tuple(entry.name for entry in ours), rows=tuple(rows), absent=tuple(absent))
 
 
 def evaluate_regrouping(rows: Sequence[Sequence[Expr]], robot: Robot) -> FloatArray:

@@ -258,8 +258,7 @@ def _build_sweep(recursion: Recursion[T], parameters: Parameters[T], *, double: 
                 add_matrices(algebra, left.turning, turning),
                 algebra.add_vectors(left.momentum, momentum),
             )
-    axes = build_axis_screws(recursion)
-    return _Sweep(recursion=recursion, composites=found, axes=axes, rates=rates)
+    return _Sweep(recursion=recursion, composites=found, axes=build_axis_screws(recursion), rates=rates)
 
 
 def compute_coriolis_matrix(recursion: Recursion[T], parameters: Parameters[T]) -> Rows[T]:
@@ -320,5 +319,4 @@ def compute_torque_derivatives(
     for key, value in parameters.items():
         if key[1] == "KS":
             rows[key[0]][key[0]] = algebra.add(rows[key[0]][key[0]], value)
-    by_position = tuple(map(tuple, rows))
-    return by_position, sweep.compute_coriolis_matrix(), sweep.compute_mass_matrix(parameters)
+    return tuple(map(tuple, rows)), sweep.compute_coriolis_matrix(), sweep.compute_mass_matrix(parameters)

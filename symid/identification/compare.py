@@ -436,10 +436,8 @@ def check_comparison_gate(found: Compared, gate: float | None) -> tuple[Notice, 
     if comparison.largest <= gate:
         return ()
     (worst,) = comparison.list_farthest(0.0, 1)
-    text = (
-        f"{found.groups[worst].text} differs by {comparison.largest:.4g} standard deviations, "
-        f"more than the gate of {gate:g}"
-    )
+    text = f"{found.groups[worst].text} differs by {comparison.largest:.4g} standard deviations, "
+    text += f"more than the gate of {gate:g}"
     return (Notice(code="compare.gate", text=text, file=file),)
 
 
@@ -492,7 +490,7 @@ def compare_with_table(
         texts = (f"--read-as {text!r}: {remedy}" for text in unknown)
         raise UsageError(*(Notice(code="usage.read-as", text=text, file=file) for text in texts))
     try:
-        dynamics.build_regrouping(base, [row.name for row in rows], [repr(row.text) for row in rows])
+        dynamics.check_independent([row.name for row in rows], [repr(row.text) for row in rows])
     except UsageError as error:
         notices = []
         for entry in error.notices:

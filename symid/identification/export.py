@@ -89,10 +89,8 @@ def check_format(path: Path, options: ExportOptions, *, friction: bool = False) 
     if suffix not in KINDS:
         text = f"{path}: unknown format; give a name that ends in {', '.join(KINDS)}"
         if suffix == ".xacro":
-            text = (
-                f"{path}: values are not written into xacro, where macros and properties compute them; "
-                "export a .urdf, which keeps names, frames and shapes, and copy its values by hand"
-            )
+            text = f"{path}: values are not written into xacro, where macros and properties compute them; "
+            text += "export a .urdf, which keeps names, frames and shapes, and copy its values by hand"
         raise UsageError(Notice(code="usage.suffix", text=text))
     if suffix != ".h":
         for name, plain in (("precision", "double"), ("name", None)):
@@ -100,10 +98,8 @@ def check_format(path: Path, options: ExportOptions, *, friction: bool = False) 
                 text = f"--{name} {value} applies to C headers only; leave it out"
                 raise UsageError(Notice(code=f"usage.export-{name}", text=text))
     if friction and suffix != ".toml":
-        text = (
-            f"{path}: friction alone goes into a robot file: export it as one (-o new.toml), then that file "
-            f"(symid export new.toml -o {path})"
-        )
+        text = f"{path}: friction alone goes into a robot file: export it as one (-o new.toml), then that "
+        text += f"file (symid export new.toml -o {path})"
         raise UsageError(Notice(code="usage.suffix", text=text))
     return suffix
 
@@ -117,20 +113,16 @@ def write_stated(robot: robots.Robot, path: Path, options: ExportOptions) -> Fil
         build_grouping(robot, base)
         missing = [joint.name for joint in robot.joints if joint.inertial is None]
         if missing:
-            text = (
-                f"the links of {', '.join(missing)} have no values; give them in the robot file, or identify "
-                "them and export the estimate"
-            )
+            text = f"the links of {', '.join(missing)} have no values; give them in the robot file, or "
+            text += "identify them and export the estimate"
             raise RobotError(Notice(code="export.no-values", text=text, file=robot.path))
         reasons = [
             (joint.name, robots.explain_impossible_inertia(joint.inertial or ())) for joint in robot.joints
         ]
         wrong = [f"the link of {name}: {reason}" for name, reason in reasons if reason]
         if wrong and suffix in _SIMULATED:
-            text = (
-                f"simulators refuse bodies that cannot exist; {'; '.join(wrong)}: correct the robot file, or "
-                "identify the robot and export the estimate"
-            )
+            text = f"simulators refuse bodies that cannot exist; {'; '.join(wrong)}: correct the robot file, "
+            text += "or identify the robot and export the estimate"
             raise RobotError(Notice(code="export.impossible-body", text=text, file=robot.path))
     stated = Identified(robot=robot, base=base, sources=(), values=())
     return _write_file(stated, path, "stated", options, robot.notices)
@@ -144,11 +136,9 @@ def write_identified(found: Identified, source: Path, path: Path, options: Expor
     scales = compare_fit_scales(library, found.robot, found.values, found.covariance, found.motion)
     off = ", ".join(f"{entry.joint} {entry.ratio:.3g} times" for entry in scales if entry.is_beyond(most))
     if off:
-        text = (
-            f"the identified torques differ in scale from the robot file's values ({off}; limit {most:g}): "
-            "check unit and side in [log.torque], gears and torque constants, and identify again; where the "
-            "values of the file are wrong, allow it by --ratio FACTOR (ratio=...)"
-        )
+        text = f"the identified torques differ in scale from the robot file's values ({off}; limit "
+        text += f"{most:g}): check unit and side in [log.torque], gears and torque constants, and identify "
+        text += "again; where the values of the file are wrong, allow it by --ratio FACTOR (ratio=...)"
         raise EstimateError(Notice(code="export.scale", text=text, file=str(source)))
     # In a format without rotors for simulators, links have the inertia of their rotors, if they can.
     rotorless, costs = _choose_kind(found.robot, path) == "URDF", tuple[JointCost, ...]()
@@ -165,11 +155,9 @@ def write_identified(found: Identified, source: Path, path: Path, options: Expor
         if entry.percent > entry.limit
     )
     if over:
-        text = (
-            f"no physical bodies have the identified values, and the nearest differ by {over}: "
-            f"{built.standard.reason}. Identify with consistent bodies (--estimator consistent) or from "
-            "logs with more excitation, or allow it by --limit PERCENT (limit=...)"
-        )
+        text = f"no physical bodies have the identified values, and the nearest differ by {over}: "
+        text += f"{built.standard.reason}. Identify with consistent bodies (--estimator consistent) or from "
+        text += "logs with more excitation, or allow it by --limit PERCENT (limit=...)"
         raise EstimateError(Notice(code="export.cost", text=text, file=str(source)))
     sources = tuple(Path(entry).name for entry in found.sources)
     before = f"; before: {built.robot.source}" if built.robot.source else ""
@@ -184,10 +172,8 @@ def locate_source(robot: robots.Robot) -> Path:
     """Return the URDF or MJCF that a robot was made from; a UsageError where there is none."""
     if robot.made_from is not None:
         return Path(robot.made_from.file)
-    text = (
-        f"robot {robot.name!r} was not made from a URDF or MJCF, so that there is no file to write in "
-        "place; give a name (-o FILE)"
-    )
+    text = f"robot {robot.name!r} was not made from a URDF or MJCF, so that there is no file to write in "
+    text += "place; give a name (-o FILE)"
     raise UsageError(Notice(code="usage.no-source", text=text, file=robot.path))
 
 
@@ -252,10 +238,9 @@ def _write_file(  # noqa: PLR0917 - what is written, where and how
         else:
             text, told = new.text, [*told, *further]
             for link, carried in new.shared.items():
-                said = (
-                    f"the values of link {link!r} were identified together with those of "
-                    f"{', '.join(carried)}, fixed to it: only the sum is measured; correct the parts you know"
-                )
+                said = f"the values of link {link!r} were identified together with those of "
+                said += f"{', '.join(carried)}, fixed to it: only the sum is measured; correct the parts you "
+                said += "know"
                 told.append(Notice(code="export.shared-links", text=said, file=str(path)))
     rewritten = made.file if made is not None and text else ""
     text = text or _write_new(found, suffix, path.parent, outcome, options)
@@ -290,8 +275,7 @@ def place_in_source(
     robot: robots.Robot, made: robots.SourceFile, *, in_place: bool
 ) -> tuple[str, robots.Robot, list[Notice]]:
     """Return the text of the URDF or MJCF `made`, and its robot with the values of `robot`, made from it."""
-    file = Path(made.file)
-    source = robots.read_urdf_text(file, keep_ends=True, arguments=dict(made.xacro))
+    source = robots.read_urdf_text(Path(made.file), keep_ends=True, arguments=dict(made.xacro))
     before = robots.parse_xml_robot(source.text, source.file, base=made.base, tip=made.tip, snap=made.snap)
     if in_place and source.file != made.file:
         told = "this is a xacro file, a program that writes a URDF; give a name that ends in .urdf (-o FILE)"
@@ -302,10 +286,8 @@ def place_in_source(
         raise RobotError(Notice(code="export.source-changed", text=told, file=made.file))
     notices = []
     if before.made_from is not None and before.made_from.sha256 != made.sha256:
-        told = (
-            "the file is not as it was when the robot was made from it (an export in place changes it, too); "
-            "its joints are the same"
-        )
+        told = "the file is not as it was when the robot was made from it (an export in place changes it, "
+        told += "too); its joints are the same"
         notices.append(Notice(code="export.source-edited", text=told, file=made.file))
     trios = zip(robot.joints, before.joints, identified.list_turns(robot, before), strict=True)
     joints = tuple(
@@ -409,16 +391,12 @@ def write_friction(
         law = get_friction_law(joint.friction)
         if joint.name in written and law is not None and law.memory:
             names = ", ".join(entry.name for entry in law.memory)
-            text = (
-                f"joint {joint.name!r}: {written[joint.name].law} friction, as identified, replaces "
-                f"{law.name} and its {names}; to keep them, identify the whole robot"
-            )
+            text = f"joint {joint.name!r}: {written[joint.name].law} friction, as identified, replaces "
+            text += f"{law.name} and its {names}; to keep them, identify the whole robot"
             notices.append(Notice(code="export.friction-replaced", text=text))
     if any(robot.elastic):
-        text = (
-            "friction was identified with rigid joints and includes the losses of springs; the file has the "
-            "springs as well, so these losses count twice; identify the whole robot to separate them"
-        )
+        text = "friction was identified with rigid joints and includes the losses of springs; the file has "
+        text += "the springs as well, so these losses count twice; identify the whole robot to separate them"
         notices.append(Notice(code="export.friction-springs", text=text, file=str(source)))
     laws = {entry.joint: entry.estimate.law for entry in found.joints}
     return FileExport(

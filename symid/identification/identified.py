@@ -118,10 +118,9 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
     base = dynamics.derive_base_parameters(robot)
     check_model(found, build_model_card(robot, base, ()), str(source))
     if any(described.elastic):
-        text = (
-            "the joints were identified as rigid, and are written so: rotors turn with their links, without "
-            "springs, with which these values do not hold; identify the elastic robot to have them"
-        )
+        text = "the joints were identified as rigid, and are written so: rotors turn with their links, "
+        text += "without springs, with which these values do not hold; identify the elastic robot to have "
+        text += "them"
         notices = (Notice(code="export.rigid-variant", text=text, file=str(source)),)
     # Shape values, gravity and zeros are part of the robot, as lengths are.
     kept = [k for k, entry in enumerate(found.parameters) if entry.name not in found.besides]
@@ -207,10 +206,8 @@ def list_warnings(
         pairs = zip(standard.names, standard.residual.tolist(), strict=True)
         moved = [(abs(change) / known[name], name) for name, change in pairs if name in known]
         far = ", at most {:.2g} standard deviations away ({})".format(*max(moved)) if moved else ""
-        text = (
-            f"no physical bodies have exactly the identified values; the nearest were written{far}: "
-            f"{standard.reason}. Identify by --estimator consistent for values that bodies have"
-        )
+        text = f"no physical bodies have exactly the identified values; the nearest were written{far}: "
+        text += f"{standard.reason}. Identify by --estimator consistent for values that bodies have"
         notices.append(Notice(code="export.inconsistent", text=text, file=str(source)))
     if found.missing:
         names = ", ".join(found.missing)

@@ -93,10 +93,8 @@ def identify_robot(
         by_method = prepare_elastic_methods(robot, recordings, options, context, pairs, named=named)
         return by_method(options.method or "automatic")
     if options.known is not None:
-        text = (
-            f"--known cannot be used with {robot.name!r}, identified as rigid; leave it out, or use it with "
-            "--rows friction, or give known values as a prior (--estimator ridge --prior)"
-        )
+        text = f"--known cannot be used with {robot.name!r}, identified as rigid; leave it out, or use it "
+        text += "with --rows friction, or give known values as a prior (--estimator ridge --prior)"
         raise UsageError(Notice(code="usage.mixed-options", text=text))
     return _identify_rigid(robot, recordings, options, context, motor_side=route == "motor-side")
 
@@ -164,10 +162,8 @@ def _identify_rigid(
         notes = (note for entry in recordings for note in entry.notices)
         warnings += tuple(note for note in notes if note.code == "log.motor-position")
     elif any(log_files.get_second_encoder_side(recording) for recording in recordings):
-        text = (
-            "the second encoder of the log is not used: a rigid model takes the position of [log.position]; "
-            "--method stiffness uses both"
-        )
+        text = "the second encoder of the log is not used: a rigid model takes the position of "
+        text += "[log.position]; --method stiffness uses both"
         warnings += (Notice(code="identify.second-encoder", text=text),)
     notices = (*warnings, *library.notices, *estimate.notices, *_compare_with_file(library, rigid, estimate))
     return Identification(estimate=estimate, notices=notices, backend=library.backend)
@@ -350,21 +346,15 @@ def identify_robot_friction(
     beside = {entry.name for estimate in estimates for entry in estimate.extra}
     beside |= {name for estimate in estimates for name, _ in estimate.refused}
     if options.friction and not beside & {entry.name for entry in library.card.friction}:
-        text = (
-            "--friction is not used: no joint's friction acts on another here; choose the law of a joint's "
-            "own friction by --model"
-        )
+        text = "--friction is not used: no joint's friction acts on another here; choose the law of a "
+        text += "joint's own friction by --model"
         unused.append(Notice(code="friction.unused-option", text=text))
     if options.known is not None and any(regression.list_measured_joints(measured)):
-        text = (
-            "the loads that joint-torque sensors measured are not used, because base parameters were given; "
-            "leave --known out to subtract the loads, for which no model of the links is needed"
-        )
+        text = "the loads that joint-torque sensors measured are not used, because base parameters were "
+        text += "given; leave --known out to subtract the loads, for which no model of the links is needed"
         unused.append(Notice(code="friction.load-unused", text=text))
-    text = (
-        f"elastic robot {robot.name!r}: friction was fitted on the motor side with a rigid model, so it "
-        "includes the losses of springs; identify the whole robot to separate them"
-    )
+    text = f"elastic robot {robot.name!r}: friction was fitted on the motor side with a rigid model, so it "
+    text += "includes the losses of springs; identify the whole robot to separate them"
     springs = () if described is robot else (Notice(code="friction.elastic", text=text),)
     found = replace(found, **_describe_origin(robot, recordings))
     notices = (*_list_log_notices(robot, recordings), *springs, *library.notices, *found.notices, *unused)

@@ -240,8 +240,7 @@ class _Problem(NamedTuple):
         for direction in directions.T:
             name, unit = f"gravity along {_write(direction[:3])}", "m/s^2"
             if not direction[:3].any():
-                joint = self.robot.free_zeros[int(direction.argmax()) - 3]
-                name, unit = _name_zero(robot, joint)
+                name, unit = _name_zero(robot, self.robot.free_zeros[int(direction.argmax()) - 3])
             entry = ParameterCard(name=name, expression=name, unit=unit, reason=MOUNTING, joint="")
             cards.append(replace(entry, value=float(direction @ where)))
         card = replace(library.card, searched=tuple(cards))

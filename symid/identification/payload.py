@@ -139,9 +139,8 @@ def _read_side(
         )
     elif len(given) > 1:
         first = estimates[0] if isinstance(estimates[0], str | PathLike) else "a fit"
-        text = (
-            f"{first} is an estimate: give one estimate, or logs (`symid identify` makes one of several logs)"
-        )
+        text = f"{first} is an estimate: give one estimate, or logs (`symid identify` makes one of several "
+        text += "logs)"
         raise UsageError(Notice(code="usage.payload-inputs", text=text))
     else:
         side = build_identified(robot, *read_dynamics(estimates[0]))
@@ -207,10 +206,8 @@ def build_payload_command(
     lacking = [entry for entry in found.quantities[:4] if entry.value is None]
     if lacking:
         names = "; ".join(f"{entry.name}: {entry.reason}" for entry in lacking)
-        text = (
-            f"a payload without an identified centre is not for controllers ({names}): move more joints "
-            "against gravity, with the payload and without it, or take missing values from a drawing"
-        )
+        text = f"a payload without an identified centre is not for controllers ({names}): move more joints "
+        text += "against gravity, with the payload and without it, or take missing values from a drawing"
         raise IdentifiabilityError(Notice(code="payload.controller-centre", text=text))
     rotation, origin, words = _locate_flange(robot, found.joint, frame)
     mass, *com = (values[name].value or 0.0 for name in ("mass", "cx", "cy", "cz"))
@@ -218,10 +215,8 @@ def build_payload_command(
     notices = [Notice(code="payload.controller-scope", text=f"{controller}: {_SCOPE[controller]}")]
     if frame is None:
         hint = [] if robot is None else _list_flanges(robot, found.joint)
-        text = (
-            f"the flange of the controller is taken as {words}; if not, name it by --frame (frame=): "
-            f"{'one of the links ' + ', '.join(hint) + ', or ' if hint else ''}x,y,z,roll,pitch,yaw"
-        )
+        text = f"the flange of the controller is taken as {words}; if not, name it by --frame (frame=): "
+        text += f"{'one of the links ' + ', '.join(hint) + ', or ' if hint else ''}x,y,z,roll,pitch,yaw"
         notices.insert(0, Notice(code="payload.controller-frame", text=text))
     moments = {entry.name: entry.value for entry in found.quantities if entry.name.startswith("J")}
     inertia = None
@@ -234,10 +229,8 @@ def build_payload_command(
         tensor = rotation.T @ (tensor + np.triu(tensor, 1).T) @ rotation
         inertia = tuple(float(entry) for entry in tensor[np.triu_indices(3)])
         if controller == "ur" and max(map(abs, inertia)) > _LARGEST:
-            text = (
-                f"Universal Robots take at most {_LARGEST:g} kg m^2 for each component of the inertia, this "
-                f"payload has {max(inertia, key=abs):.4g}"
-            )
+            text = f"Universal Robots take at most {_LARGEST:g} kg m^2 for each component of the inertia, "
+            text += f"this payload has {max(inertia, key=abs):.4g}"
             raise EstimateError(Notice(code="payload.controller-limit", text=text))
     kilograms, place = _write_number(float(mass)), ", ".join(map(_write_number, centre.tolist()))
     xx, xy, xz, yy, yz, zz = map(_write_number, inertia or (0.0,) * 6)
@@ -290,10 +283,8 @@ def _locate_flange(robot: Robot | None, joint: str, frame: FlangeFrame) -> tuple
     if frame is None:
         return np.eye(3), np.zeros(3), f"the link frame of joint {joint!r}"
     if robot is None:
-        text = (
-            f"the link {frame!r} is of a robot that is not known here: give it as well "
-            "(symid.load_payload(path, robot)), or x,y,z,roll,pitch,yaw in the link frame (m, rad)"
-        )
+        text = f"the link {frame!r} is of a robot that is not known here: give it as well "
+        text += "(symid.load_payload(path, robot)), or x,y,z,roll,pitch,yaw in the link frame (m, rad)"
         raise UsageError(Notice(code="usage.payload-frame", text=text))
     links = {link.name: link for link in robot.links}
     link = links.get(str(frame))

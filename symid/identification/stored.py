@@ -71,8 +71,7 @@ def write_fit(
     if isinstance(record, FitRecord):
         head = {"format": _FORMAT, "version": _VERSION, "kind": record.kind}
     head |= {} if verdict is None else {"verdict": write_plain(verdict)}
-    text = json.dumps(head | body, indent=1, allow_nan=False, ensure_ascii=False)
-    return write_file(path, text + "\n")
+    return write_file(path, json.dumps(head | body, indent=1, allow_nan=False, ensure_ascii=False) + "\n")
 
 
 def write_result(what: str, found: object, path: Path, described: Mapping[str, object]) -> Path:
@@ -218,10 +217,8 @@ def read_rigid(given: GivenResult, card: ModelCard) -> Estimate:
         text = "expected base parameters of a rigid robot, as `robot.identify` returns them"
         raise EstimateError(Notice(code="estimate.kind", text=text, file=file))
     if isinstance(found, FrictionIdentification):
-        text = (
-            "this is a fit of friction (--rows friction); --known needs base parameters, identified with "
-            "`symid identify ROBOT LOG... -o FILE`"
-        )
+        text = "this is a fit of friction (--rows friction); --known needs base parameters, identified with "
+        text += "`symid identify ROBOT LOG... -o FILE`"
         raise EstimateError(Notice(code="estimate.friction", text=text, file=file))
     if not isinstance(found, Estimate):
         text = "this is an estimate of elastic joints; give one of a robot identified as rigid"

@@ -251,10 +251,8 @@ def _validate_elastic(
         if entry.identifiable and reached[entry.joint] - entry.torsion > POLICY.relevance * entry.torsion
     ]
     if beyond:
-        text = (
-            "torsion is larger than in the logs of the fit, so springs are extrapolated: "
-            f"{', '.join(beyond)}; identify from logs with as much torsion"
-        )
+        text = "torsion is larger than in the logs of the fit, so springs are extrapolated: "
+        text += f"{', '.join(beyond)}; identify from logs with as much torsion"
         warnings.append(Notice(code="validate.beyond-torsion", text=text, file=trial.source))
     followed: TrackingComparison | None = None
     if tracking is not None:
@@ -297,8 +295,7 @@ def build_tracking_task(
 def diagnose_fit(robot: Robot, estimate: estimators.Estimate, context: TaskContext) -> rigids.Diagnosis:
     """Return the diagnosis of a fit by its own logs, which are where they were when it was made."""
     digests = estimate.settings.get("log_digests")
-    known = [*digests] if isinstance(digests, list | tuple) else []
-    pairs = list(zip(estimate.sources, known, strict=False))
+    pairs = list(zip(estimate.sources, [*digests] if isinstance(digests, list | tuple) else [], strict=False))
     text = "is not a file that can be read again; save the log, and identify from the file"
     notices = [
         Notice(code="diagnosis.no-file", text=text, file=source)

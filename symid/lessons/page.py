@@ -176,9 +176,8 @@ def _write_page(lesson: Lesson, drawn: Sequence[Exercise], logged: LoggedMotion 
         known = {spec.name for spec in list_robot_specs(robot, base)}
         names += tuple(name for name in _SPRING_FUNCTIONS if name in known)
     specs = list_robot_specs(robot, base, names)
-    lines: list[str] = []
-    for spec in specs:
-        lines += write_javascript_function(choose_route(robot, base, spec).program, exported=False)
+    programs = (choose_route(robot, base, spec).program for spec in specs)
+    functions = "".join(write_javascript_function(program, exported=False) for program in programs)
 
     asked = []
     for one in drawn:
@@ -216,7 +215,7 @@ def _write_page(lesson: Lesson, drawn: Sequence[Exercise], logged: LoggedMotion 
         ),
         "STYLE": re.sub(r"@font-face\{[^}]*\}", put, style) + read("lesson.css"),
         "KATEX": read("katex/katex.min.js"),
-        "FUNCTIONS": "\n".join(lines) + f"\nreturn {{ {', '.join(spec.name for spec in specs)} }};",
+        "FUNCTIONS": f"{functions}return {{ {', '.join(spec.name for spec in specs)} }};",
         "FORMULAS": ",\n".join(f"[{json.dumps(item.name)}, (v) => {item.code}]" for item in items),
         "EXERCISES": ",\n".join(asked),
         "DATA": _write_json({**_describe(lesson), "log": log}),

@@ -166,10 +166,8 @@ def estimate_alignment(recordings: Sequence[Recording], columns: Sequence[FloatA
     largest = _RESTING + 0.5 * _LARGEST * np.max(speeds, axis=0)
     lost = largest < (np.max(gaps, axis=0) if beyond else found.residual)
     if (beyond and found.late) or np.any(lost & present):
-        text = (
-            f"the delay between motor and link encoders exceeds {1e3 * _LARGEST:g} ms, or they are not of "
-            "the same joints in the same order; check the columns, and bring both channels onto one clock"
-        )
+        text = f"the delay between motor and link encoders exceeds {1e3 * _LARGEST:g} ms, or they are not of "
+        text += "the same joints in the same order; check the columns, and bring both channels onto one clock"
         files = [recording.source for recording in recordings]
         raise LogError(*(Notice(code="log.delay-beyond", text=text, file=file) for file in files))
     return found

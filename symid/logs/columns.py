@@ -344,9 +344,8 @@ def _clear_passive(values: FloatArray, robot: Robot, name: str, findings: Findin
         return values
     logged = [robot.axes[k].name for k in passive if values[:, k].any()]
     if logged:
-        text = (
-            f"{name}: {join_names(logged)} have no motor (actuated = false), what the log has of them is not"
-        )
+        text = f"{name}: {join_names(logged)} have no motor (actuated = false), what the log has of them is "
+        text += "not"
         findings.remark("log.no-motor", f"{text} used: their torque is 0")
     return np.where(np.isin(np.arange(values.shape[1]), passive), 0.0, values)
 

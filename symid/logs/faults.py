@@ -233,11 +233,9 @@ def choose_times(recording: Recording) -> Resampling | None:
     if repeated.any():
         kind = "repeats"
         others = f"put {clock}" if taken else "left at their stamps, which fit no clock, and interpolated"
-        text = (
-            f"{100.0 * float(np.mean(repeated)):.3g} % of the samples repeat the one before to the last bit "
-            "although the robot moves: it was polled faster than it answers. They were dropped, and the "
-            f"others {others}; log each answer once, with the robot's own time"
-        )
+        text = f"{100.0 * float(np.mean(repeated)):.3g} % of the samples repeat the one before to the last "
+        text += "bit although the robot moves: it was polled faster than it answers. They were dropped, and "
+        text += f"the others {others}; log each answer once, with the robot's own time"
     elif taken:
         text = f"time stamps are uneven, and positions smoother with the samples {clock}, where they were put"
     return replace(plan, notice=Notice(code=f"log.{kind}", text=text, file=recording.source))

@@ -130,9 +130,9 @@ def build_file_error(path: Path, text: str, code: str = "log.format") -> LogErro
 
 
 UNITS_ARRAY = "units"
+"""Name of the array that states units."""
 SIMULATED = "simulated"
 """Column of a simulated log, whose unit is the signature of the values it was made from."""
-"""Name of the array that states units."""
 
 _NPY_MAGIC = b"\x93NUMPY"
 
@@ -201,10 +201,8 @@ def read_hdf5(path: Path) -> RawLog:
     try:
         import h5py
     except ImportError as error:
-        text = (
-            "HDF5 files (MATLAB 7.3 files are such) need h5py: install it as the extra hdf5, "
-            "pip install 'symid[hdf5]', or save the log as .npz, .csv or with save(..., '-v7')"
-        )
+        text = "HDF5 files (MATLAB 7.3 files are such) need h5py: install it as the extra hdf5, "
+        text += "pip install 'symid[hdf5]', or save the log as .npz, .csv or with save(..., '-v7')"
         raise build_file_error(path, text, "log.needs-hdf5") from error
     entries: list[tuple[str, object]] = []
     units, unpacked = {}, 0
@@ -265,10 +263,8 @@ def read_parquet(path: Path) -> RawLog:
         import pyarrow as pa
         from pyarrow import parquet
     except ImportError as error:
-        text = (
-            "Parquet files need pyarrow: install it as the extra parquet, pip install 'symid[parquet]', or "
-            "save the log as .npz or .csv"
-        )
+        text = "Parquet files need pyarrow: install it as the extra parquet, pip install 'symid[parquet]', "
+        text += "or save the log as .npz or .csv"
         raise build_file_error(path, text, "log.needs-parquet") from error
     try:
         found = parquet.read_metadata(str(path))
@@ -332,10 +328,8 @@ def read_mat(path: Path) -> RawLog:
     try:
         # Version 4 begins with a number of which some bytes are zero.
         if 0 not in head[:4] and not _has_matlab_elements(path.read_bytes()):
-            text = (
-                "this is not a MATLAB file that can be read: its elements are damaged, or unpack to far more "
-                "than the file holds; save it again, by save(..., '-v6')"
-            )
+            text = "this is not a MATLAB file that can be read: its elements are damaged, or unpack to far "
+            text += "more than the file holds; save it again, by save(..., '-v6')"
             raise build_file_error(path, text)
         content = matlab.loadmat(str(path), struct_as_record=True)
     # SciPy raises any of these on a damaged file, according to where the damage lies.
@@ -349,11 +343,9 @@ def _refuse_objects(path: Path, raw: RawLog) -> RawLog:
     """Return a log of MATLAB, or refuse one that has objects, and no column of numbers."""
     if raw.columns or not raw.others:
         return raw
-    text = (
-        f"no array or structure of numbers is in the MATLAB file, but {', '.join(map(repr, raw.others))}, as "
-        "of a timetable, table or timeseries; save its columns: log.t = "
-        "seconds(T.Time); log.q = T.q; save('log.mat', '-struct', 'log')"
-    )
+    text = f"no array or structure of numbers is in the MATLAB file, but {', '.join(map(repr, raw.others))}, "
+    text += "as of a timetable, table or timeseries; save its columns: log.t = seconds(T.Time); log.q = T.q; "
+    text += "save('log.mat', '-struct', 'log')"
     raise build_file_error(path, text)
 
 

@@ -119,11 +119,9 @@ def assign_columns(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLo
     if own and not codes & {"new.ambiguous-column", "log.topic"}:
         return raw, robot
     if "log.topic" not in codes:
-        text = (
-            "the robot has no [log] table, and its columns are not all known by their names: `symid new "
-            "--log` writes one, with the options that are named here; or use "
-            "--set log.QUANTITY.columns=NAME,NAME --set log.QUANTITY.unit=UNIT"
-        )
+        text = "the robot has no [log] table, and its columns are not all known by their names: `symid new "
+        text += "--log` writes one, with the options that are named here; or use "
+        text += "--set log.QUANTITY.columns=NAME,NAME --set log.QUANTITY.unit=UNIT"
         tried.refuse("log.no-map", text)
     raise LogError(*(replace(entry, line=raw.line) for entry in tried.mistakes))
 
@@ -356,10 +354,8 @@ def prepare_columns(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawL
     if any(np.any(np.abs(part) > _LARGEST) for part in parts.values()):
         return raw, robot
     where = ", ".join(f"{name!r} ({int(mask.sum())})" for name, mask in holes.items())
-    text = (
-        f"{int(lacking.sum())} of {count} samples lack a value, the first is sample "
-        f"{int(np.argmax(lacking))} (counted from 0): {where}; they were left out, and are gaps in time"
-    )
+    text = f"{int(lacking.sum())} of {count} samples lack a value, the first is sample "
+    text += f"{int(np.argmax(lacking))} (counted from 0): {where}; they were left out, and are gaps in time"
     findings.remark("log.missing", text)
     whole = {
         name: part[~lacking] if np.ndim(part) and len(part) == count else part
@@ -417,10 +413,8 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
             bad = np.argwhere(~(np.abs(part) <= _LARGEST))
             first = int(bad[0, 0])
             place = f"sample {first}" + (f", column {int(bad[0, 1])}" if bad.shape[1] > 1 else "")
-            text = (
-                f"{name!r} has {len(bad)} values that are not finite numbers (NaN, infinite, beyond "
-                f"{_LARGEST:g}), the first at {place} (counted from 0); cut or repair the log there"
-            )
+            text = f"{name!r} has {len(bad)} values that are not finite numbers (NaN, infinite, beyond "
+            text += f"{_LARGEST:g}), the first at {place} (counted from 0); cut or repair the log there"
             findings.refuse("log.not-finite", text)
     for name in _GAPLESS:
         read = values[name]
@@ -431,24 +425,18 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
             findings.refuse("log.too-small", f"{text}; state the unit or a factor in [log.{name}]")
     motor, link = (columns[name] for name in _ENCODERS)
     if values["position"] is None and bool(motor) != bool(link):
-        text = (
-            f"the log has motor positions ({', '.join(motor)}) but no link positions; name these columns in "
-            "[log.position] to identify what the motor side alone shows"
-        )
+        text = f"the log has motor positions ({', '.join(motor)}) but no link positions; name these columns "
+        text += "in [log.position] to identify what the motor side alone shows"
         if link:
-            text = (
-                f"the log has link positions ({', '.join(link)}) but no motor positions, on which friction "
-                "and rotors of elastic joints depend; add them, or, where joints are rigid, name these "
-                "columns in [log.position]"
-            )
+            text = f"the log has link positions ({', '.join(link)}) but no motor positions, on which "
+            text += "friction and rotors of elastic joints depend; add them, or, where joints are rigid, "
+            text += "name these columns in [log.position]"
         findings.refuse("log.one-side", text)
     if motor and link:
-        text = (
-            f"the log has motor positions ({', '.join(motor)}) and link positions ({', '.join(link)}) "
-            f"besides its positions ({', '.join(columns['position'])}); name the link columns in "
-            "[log.position] and the motor columns in [log.motor_position], or the motor columns in "
-            "[log.position] and the link columns in [log.link_position], and rename the third"
-        )
+        text = f"the log has motor positions ({', '.join(motor)}) and link positions ({', '.join(link)}) "
+        text += f"besides its positions ({', '.join(columns['position'])}); name the link columns in "
+        text += "[log.position] and the motor columns in [log.motor_position], or the motor columns in "
+        text += "[log.position] and the link columns in [log.link_position], and rename the third"
         findings.refuse("log.two-encoders", text)
     for name in _ENCODERS:
         if columns[name] and columns[name] == columns["position"]:
@@ -521,10 +509,8 @@ def _check_time(time: FloatArray, processing: Processing, findings: Findings) ->
     back = np.flatnonzero(steps <= 0.0)
     if len(back):
         at = int(back[0])
-        text = (
-            f"time must increase: sample {at + 1} (counted from 0) is at {time[at + 1]:.9g} s, the one "
-            f"before at {time[at]:.9g} s"
-        )
+        text = f"time must increase: sample {at + 1} (counted from 0) is at {time[at + 1]:.9g} s, the one "
+        text += f"before at {time[at]:.9g} s"
         findings.refuse("log.time-order", f"{text}; {len(back)} such steps" if len(back) > 1 else text)
     elif len(steps) and np.all(np.isfinite(steps)):
         uneven = describe_uneven(time, file=findings.file)

@@ -207,10 +207,8 @@ def cut_ends(recording: Recording, first: int, last: int) -> Recording:
     count = len(recording.time)
     left = count - first - last
     if left < FEWEST:
-        text = (
-            f"cutting off the first {first} and the last {last} of {count} samples leaves {max(left, 0)}, at "
-            f"least {FEWEST} are needed; cut off less"
-        )
+        text = f"cutting off the first {first} and the last {last} of {count} samples leaves {max(left, 0)}, "
+        text += f"at least {FEWEST} are needed; cut off less"
         raise LogError(Notice(code="log.too-short", text=text, file=recording.source))
     text = f"the first {first} and the last {last} of {count} samples were cut off, as set"
     return add_notice(cut_recording(recording, slice(first, count - last)), "log.cut", text)
@@ -228,8 +226,7 @@ def cut_recording(recording: Recording, kept: slice) -> Recording:
     if whole is None:
         # A file is known by its own digest.
         in_memory = not os.path.isfile(recording.source)  # noqa: PTH113  (a source may be any text)
-        digest = compute_signature(recording.torque) if in_memory else ""
-        whole = replace(recording.extent, digest=digest)
+        whole = replace(recording.extent, digest=compute_signature(recording.torque) if in_memory else "")
     extras = dict(recording.extras)
     extras |= {name: part[kept] for name, part in extras.items() if len(part) == len(recording.time)}
     return replace(change_channels(recording, lambda values: values[kept]), extras=extras, whole=whole)
@@ -377,17 +374,13 @@ def take_part(recording: Recording, part: LogPart, name: str) -> Recording:
     since = recording.time - extent.start
     begin, end = (int(np.searchsorted(since, bound - 1e-3 * period)) for bound in (first, last))
     if end - begin < FEWEST:
-        text = (
-            f"{given}: {max(end - begin, 0)} samples are left of {len(recording.time)} between "
-            f"{since[0]:.6g} and {since[-1]:.6g} s, at least {FEWEST} are needed; take a longer part"
-        )
+        text = f"{given}: {max(end - begin, 0)} samples are left of {len(recording.time)} between "
+        text += f"{since[0]:.6g} and {since[-1]:.6g} s, at least {FEWEST} are needed; take a longer part"
         raise LogError(Notice(code="log.too-short", text=text, file=recording.source))
     if end - begin == len(since):
         return recording
-    text = (
-        f"{end - begin} of {len(since)} samples are used, {since[begin]:.6g} to {since[end - 1]:.6g} s from "
-        f"the start of the log, as set by {given}"
-    )
+    text = f"{end - begin} of {len(since)} samples are used, {since[begin]:.6g} to {since[end - 1]:.6g} s "
+    text += f"from the start of the log, as set by {given}"
     return add_notice(cut_recording(recording, slice(begin, end)), "log.cut", text)
 
 

@@ -243,10 +243,8 @@ def read_recorded_runs(
     except (InputError, UsageError):
         good = False
     if len(found) != len(sources) or not good:
-        text = (
-            f"the settings of the runs cannot be used: expected one table for each of {len(sources)} logs, "
-            f"with {', '.join(_KEYS)}, got {stored!r}; identify again"
-        )
+        text = f"the settings of the runs cannot be used: expected one table for each of {len(sources)} "
+        text += f"logs, with {', '.join(_KEYS)}, got {stored!r}; identify again"
         raise LogError(Notice(code="runs.settings", text=text))
     known = digests if isinstance(digests, list | tuple) else ()
     return _read_all(zip_longest(sources, found, known[: len(sources)]), read)
@@ -258,20 +256,16 @@ def check_one_payload(recordings: Sequence[Recording]) -> None:
     names = sorted({"" if run is None or run.load else run.payload for run in runs})
     if len(names) > 1:
         listed = ", ".join(repr(name) if name else "none" for name in names)
-        text = (
-            f"the runs have different payloads ({listed}), and base parameters depend on the payload; state "
-            "mass, com and inertia of the known ones, or identify with each payload alone and use `symid "
-            "payload`"
-        )
+        text = f"the runs have different payloads ({listed}), and base parameters depend on the payload; "
+        text += "state mass, com and inertia of the known ones, or identify with each payload alone and use "
+        text += "`symid payload`"
         raise LogError(Notice(code="log.payloads-differ", text=text))
 
 
 def refuse_known_payloads(recordings: Sequence[Recording], what: str) -> None:
     """Refuse known payloads, by a LogError, for a method, named by `what`, that does not support them."""
-    text = (
-        f"the run has a known payload, which {what} does not support; leave the run out, or use torque "
-        "equations of a rigid robot"
-    )
+    text = f"the run has a known payload, which {what} does not support; leave the run out, or use torque "
+    text += "equations of a rigid robot"
     loaded = [entry.source for entry in recordings if entry.run is not None and entry.run.load]
     if loaded:
         raise LogError(*(Notice(code="log.known-payload", text=text, file=source) for source in loaded))

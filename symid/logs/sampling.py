@@ -89,26 +89,20 @@ def describe_timing(time: FloatArray, file: str = "") -> tuple[Notice, ...]:
     timing = measure_timing(time)
     found = []
     if timing.backward:
-        text = (
-            f"{timing.backward} samples have an earlier time than the one before, the first faulty one is "
-            f"sample {timing.first_fault} (counted from 0): a clock was set, or files were joined"
-        )
+        text = f"{timing.backward} samples have an earlier time than the one before, the first faulty one is "
+        text += f"sample {timing.first_fault} (counted from 0): a clock was set, or files were joined"
         found.append(("log.time-order", f"{text}; {_REMEDY} without them, or cut the log there"))
     if timing.repeated:
         text = f"{timing.repeated} samples have the time of the one before (the first: {timing.first_fault})"
         found.append(("log.repeated-times", f"{text}: a message was logged twice; {_REMEDY} without them"))
     if timing.gaps:
         start, end = timing.gaps[0]
-        text = (
-            f"{len(timing.gaps)} gaps, {timing.missing} samples of {timing.samples + timing.missing} are "
-            f"missing; the first gap is from {start:.6g} s to {end:.6g} s"
-        )
+        text = f"{len(timing.gaps)} gaps, {timing.missing} samples of {timing.samples + timing.missing} are "
+        text += f"missing; the first gap is from {start:.6g} s to {end:.6g} s"
         found.append(("log.gap", f"{text}; log at a lower rate or with a higher priority; {_REMEDY}"))
     if timing.largest > _REMARKED_JITTER:
-        text = (
-            f"time steps differ by up to {100 * timing.largest:.3g} % from {timing.period:.6g} s (RMS "
-            f"{100 * timing.jitter:.3g} %); filters assume even sampling"
-        )
+        text = f"time steps differ by up to {100 * timing.largest:.3g} % from {timing.period:.6g} s (RMS "
+        text += f"{100 * timing.jitter:.3g} %); filters assume even sampling"
         found.append(("log.jitter", f"{text}; {_REMEDY}"))
     return tuple(Notice(code=code, text=text, file=file) for code, text in found)
 
@@ -205,10 +199,8 @@ def resample_recording(recording: Recording, plan: Resampling) -> Recording:
     lost = float(np.ptp(recording.time) - np.ptp(plan.after))
     if lost <= _BRIDGED * recording.period:
         return moved
-    text = (
-        f"{lost:.3g} s of the log are beyond a long gap and were left out: cut the log at its gaps into "
-        "files, which can be fitted together"
-    )
+    text = f"{lost:.3g} s of the log are beyond a long gap and were left out: cut the log at its gaps into "
+    text += "files, which can be fitted together"
     return add_notice(moved, "log.gap", text)
 
 
@@ -226,8 +218,7 @@ def resample_log(
         findings.refuse("log.not-finite", "the time column has values that are not finite")
         raise LogError(*findings.mistakes)
     plan = plan or plan_resampling(time, file)
-    stamps = raw.columns[names[0]]
-    factor = float(np.ptp(stamps) / np.ptp(time))
+    factor = float(np.ptp(raw.columns[names[0]]) / np.ptp(time))
     own = {name: part for name, part in raw.columns.items() if len(np.atleast_1d(part)) == len(time)}
     moved = {name: plan.move(part) for name, part in own.items()}
     return replace(raw, columns={**raw.columns, **moved, names[0]: plan.after * factor}), plan.notice

@@ -560,10 +560,8 @@ def _smooth(recording: Recording, name: str, processing: Processing, period: flo
     """Return a channel (N, n) of a log through the low-pass of the positions (LogError if it has holes)."""
     values: FloatArray = getattr(recording, name)
     if not np.all(np.isfinite(values)):
-        text = (
-            f"{name} has values that are not finite, and processing.states = {processing.states!r} uses it; "
-            'state "position", or repair the log'
-        )
+        text = f"{name} has values that are not finite, and processing.states = {processing.states!r} uses "
+        text += 'it; state "position", or repair the log'
         raise LogError(Notice(code="log.not-finite", text=text, file=recording.source))
     if processing.filter_cutoff is None:
         return values
@@ -643,12 +641,9 @@ def compute_least_samples(processing: Processing) -> int:
 
 def describe_too_short(samples: int, processing: Processing, file: str = "") -> Notice:
     """Return the notice on a log with fewer samples than `compute_least_samples`."""
-    return Notice(
-        code="log.too-short",
-        file=file,
-        text=f"the log has {samples} samples; filter, cut ends ({processing.drop_first} first, "
-        f"{processing.drop_last} last) and decimation need at least {compute_least_samples(processing)}",
-    )
+    text = f"the log has {samples} samples; filter, cut ends ({processing.drop_first} first, "
+    text += f"{processing.drop_last} last) and decimation need at least {compute_least_samples(processing)}"
+    return Notice(code="log.too-short", text=text, file=file)
 
 
 def describe_uneven(time: FloatArray, file: str = "") -> Notice | None:
@@ -658,20 +653,16 @@ def describe_uneven(time: FloatArray, file: str = "") -> Notice | None:
     gaps = np.flatnonzero(steps > _GAP * period)
     if len(gaps):
         first = int(gaps[0])
-        text = (
-            f"samples are missing, or time comes in bursts: {len(gaps)} steps exceed {_GAP:g} periods of "
-            f"{period:.6g} s, the first after sample {first} (counted from 0), from {time[first]:.6g} s to "
-            f"{time[first + 1]:.6g} s; cut the log there into separate files, or resample it evenly"
-        )
+        text = f"samples are missing, or time comes in bursts: {len(gaps)} steps exceed {_GAP:g} periods of "
+        text += f"{period:.6g} s, the first after sample {first} (counted from 0), from {time[first]:.6g} s "
+        text += f"to {time[first + 1]:.6g} s; cut the log there into separate files, or resample it evenly"
         return Notice(code="log.gap", text=text, file=file)
     scatter = float(np.sqrt(np.mean((steps / period - 1.0) ** 2)))
     if scatter > _JITTER:
         away = np.flatnonzero(np.abs(steps - period) > _JITTER * period)
         first = int(away[0])
-        text = (
-            f"sampling is uneven: steps scatter by {100 * scatter:.3g} % RMS about {period:.6g} s (limit "
-            f"{100 * _JITTER:g} %); {len(away)} steps exceed it, the first after sample {first} (counted "
-            f"from 0), at {time[first]:.6g} s; resample the log evenly"
-        )
+        text = f"sampling is uneven: steps scatter by {100 * scatter:.3g} % RMS about {period:.6g} s (limit "
+        text += f"{100 * _JITTER:g} %); {len(away)} steps exceed it, the first after sample {first} (counted "
+        text += f"from 0), at {time[first]:.6g} s; resample the log evenly"
         return Notice(code="log.jitter", text=text, file=file)
     return None

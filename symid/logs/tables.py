@@ -132,9 +132,8 @@ def read_csv(path: Path) -> RawLog:
         raise build_file_error(path, f"this is not a table that can be read: {error}") from error
     commas = [cell.strip() for row in rows[:_LOOKED_AT] for cell in row if _COMMA.fullmatch(cell.strip())]
     if layout.decimal == "," and all(map(_THOUSANDS.fullmatch, commas)):
-        text = (
-            f"numbers such as {commas[0]} may have a decimal comma or thousands apart; write decimal points"
-        )
+        text = f"numbers such as {commas[0]} may have a decimal comma or thousands apart; write decimal "
+        text += "points"
         raise build_file_error(path, text, "log.separator")
     place, units_place, start = _find_heading(rows, layout)
     if place < 0 and (heading := _find_comment_heading(every, filled[start], layout)) is not None:

@@ -443,8 +443,7 @@ class Robot:
 
         That of the moving link itself: `Joint.frame` is the tip's where a tip is fixed to it.
         """
-        stated = (link.placement for link in self.links if link.joint == index)
-        return next(stated, self.joints[index].frame)
+        return next((link.placement for link in self.links if link.joint == index), self.joints[index].frame)
 
     @property
     def elastic(self) -> tuple[bool, ...]:

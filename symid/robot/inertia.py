@@ -104,8 +104,7 @@ def compute_standard_parameters(mass: float, com: Sequence[float], inertia: Sequ
 
     The latter (6,) is xx xy xz yy yz zz along the frame's axes, in kg m^2.
     """
-    central = (*inertia, 0.0, 0.0, 0.0, mass)
-    return move_parameters(central, np.eye(3), np.asarray(com, dtype=np.float64))
+    return move_parameters((*inertia, 0.0, 0.0, 0.0, mass), np.eye(3), np.asarray(com, dtype=np.float64))
 
 
 def build_pseudo_inertias(parameters: FloatArray) -> FloatArray:
@@ -180,8 +179,7 @@ def lump_fixed_joints(
                     total = tuple(a + b for a, b in zip(own, moved, strict=True))
                 joint = replace(joint, inertial=total, form=None)
         mimic = joint.mimic and replace(joint.mimic, master=positions[joint.mimic.master])
-        parent = positions.get(carrier, -1)
-        found.append(replace(joint, parent=parent, placement=placement, mimic=mimic))
+        found.append(replace(joint, parent=positions.get(carrier, -1), placement=placement, mimic=mimic))
     frames = tuple(
         LinkPlace(
             name=joints[index].name,

@@ -130,8 +130,7 @@ def read_classes(reading: urdf_parts.TreeReading, elements: Sequence[XmlElement]
             text = f'the outermost class is main; write <default class="{show(name)}"> into it'
             if above:
                 text = "its name is taken; each needs its own" if name else "needs a name: write class=..."
-            part = reading.enter(element, f"default class '{name}'")
-            part.refuse("robot.duplicate-class", text, "class")
+            reading.enter(element, f"default class '{name}'").refuse("robot.duplicate-class", text, "class")
             continue
         inherited = reading.classes.get(above or "main", {})
         stated = {kind: dict(entries) for kind, entries in inherited.items()}
@@ -477,10 +476,8 @@ def read_model(
                 text = f'<include file="{show(name)}"/>: a file is included once' if name else "needs a file"
                 raise RobotError(document.locate_place(place).notice("robot.mjcf-include", text))
             if not outside and not path.resolve().is_relative_to(Path(document.file).parent.resolve()):
-                text = (
-                    f'<include file="{show(name)}"/>: it is not in the folder of the model; if you trust it, '
-                )
-                text += "allow it by --include-outside (include_outside=True)"
+                text = f'<include file="{show(name)}"/>: it is not in the folder of the model; if you trust '
+                text += "it, allow it by --include-outside (include_outside=True)"
                 raise RobotError(document.locate_place(place, "file").notice("robot.mjcf-include", text))
             if not path.is_file():
                 text = f'<include file="{show(name)}"/>: there is no {path}, in the folder of the model'
@@ -512,8 +509,7 @@ def _skip(reading: urdf_parts.TreeReading, element: XmlElement, kind: str = "") 
 def _skip_attributes(reading: urdf_parts.TreeReading, element: XmlElement) -> None:
     for name in element.attributes:
         if name not in _KNOWN[element.tag]:
-            kind = f"{name} of <{element.tag}>"
-            reading.group(urdf_parts.MJCF_UNUSED, _UNUSED, kind, element, name)
+            reading.group(urdf_parts.MJCF_UNUSED, _UNUSED, f"{name} of <{element.tag}>", element, name)
 
 
 def _lose(reading: urdf_parts.TreeReading, kind: str, element: XmlElement, attribute: str = "") -> None:
@@ -650,9 +646,8 @@ def _read_equality(reading: urdf_parts.TreeReading, tendons: Mapping[str, Mappin
         if None in names:
             continue
         if not 1 <= len(joints) <= 2:
-            text = (
-                f"it holds {len(joints)} joints to each other; one joint can follow one other; remove it, or"
-            )
+            text = f"it holds {len(joints)} joints to each other; one joint can follow one other; remove it, "
+            text += "or"
             own.refuse("robot.closed-loop", f'{text} write active="false"')
         elif not free or (element.tag == "joint" and joints[0] not in free):
             text = f"joint '{joints[0]}' follows another one already; keep one of the constraints"

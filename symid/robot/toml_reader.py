@@ -144,8 +144,7 @@ def build_robot(root: Section, file: str) -> Robot:
             values[symbol] = table.read_float(symbol, "") or 0.0
         root = replace(root, symbols=values)
     joints, couplings = read_joints(root, convention)
-    remedy = "write gravity = [0, 0, -9.81], the vector in the base frame in m/s^2"
-    root.require("gravity", remedy)
+    root.require("gravity", "write gravity = [0, 0, -9.81], the vector in the base frame in m/s^2")
     unknown = root.get("gravity") == UNKNOWN
     gravity = DEFAULT_GRAVITY if unknown else read_vector(root, "gravity", "m/s^2")
     zeros = root.get("zeros")

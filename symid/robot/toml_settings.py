@@ -181,10 +181,8 @@ def _read_quantity(table: Section, name: str, joints: Joints, *, coupled: bool) 
                 section.refuse("robot.missing-factor", "unit", text)
     unstated = [joint.name for joint in joints if joint.actuated and not joint.drive.gear_stated]
     if is_current and unstated and factor and not coupled and not (has_factor and side == "joint"):
-        text = (
-            f"{section.show('unit')}: currents become torques of joints by gears, and no gear is stated of "
-        )
-        text += f"{', '.join(unstated)}; write gear = N in [joint.drive] (gear = 1: direct drive)"
+        text = f"{section.show('unit')}: currents become torques of joints by gears, and no gear is stated "
+        text += f"of {', '.join(unstated)}; write gear = N in [joint.drive] (gear = 1: direct drive)"
         section.refuse("robot.missing-gear", "unit", text)
     if is_current and not has_factor:
         # Torque constants and gear ratios bring a current to the joint side, constants alone to the motor's.

@@ -331,8 +331,7 @@ class XmlPart:
         kind = self.element.tag if attribute == "name" else attribute
         name = self.element.attributes.get(attribute, "")
         if not name.strip():
-            text = f'<{self.element.tag}> needs a name: write {attribute}="..."'
-            self.refuse("robot.missing-key", text)
+            self.refuse("robot.missing-key", f'<{self.element.tag}> needs a name: write {attribute}="..."')
             return None
         names = [name] if known is None else list(known)
         if name in names:
@@ -654,8 +653,7 @@ def _read_drives(reading: TreeReading) -> None:
         if len(joints) != 1 or len(actuators) != 1:
             reading.skip("<transmission> that is not one actuator on one joint", element)
             continue
-        owner = f"transmission '{element.attributes.get('name', '')}'"
-        part = reading.enter(element, owner)
+        part = reading.enter(element, f"transmission '{element.attributes.get('name', '')}'")
         for inner, known in (
             (element, ("type", "joint", "actuator", *_REDUCTIONS)),
             (joints[0], _REDUCTIONS),
@@ -696,7 +694,6 @@ def _read_one(parts: Sequence[XmlPart], what: str) -> Decimal | None:
     values = [part.read_decimal("value" if "value" in part.element.attributes else "") for part in parts]
     for part, value in zip(parts[1:], values[1:], strict=True):
         if None not in (value, values[0]) and value != values[0]:
-            text = f"two {what} that differ, {values[0]} and {value}; keep one"
-            part.refuse("robot.two-forms", text)
+            part.refuse("robot.two-forms", f"two {what} that differ, {values[0]} and {value}; keep one")
             return None
     return values[0] if values else None

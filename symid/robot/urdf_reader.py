@@ -241,8 +241,7 @@ def read_urdf(document: XmlDocument, snap: float) -> tuple[TreeReading, bool]:
         raise RobotError(document.locate_place(root).notice("robot.no-urdf", text))
     reading = read_parts(document, snap)
     joints, links = (len(list(root.find_all(tag))) for tag in ("joint", "link"))
-    complete = (len(reading.joints), len(reading.links)) == (joints, links)
-    return reading, complete
+    return reading, (len(reading.joints), len(reading.links)) == (joints, links)
 
 
 def assemble_robot(
@@ -275,9 +274,8 @@ def assemble_robot(
     couplings = []
     for drive, part, stated in reading.couplings:
         if lost := [f"'{name}'" for name, _ in stated if name not in reached]:
-            text = (
-                f"turns without joints that were cut off, {shorten_names(lost)}; keep them by --base, --tip"
-            )
+            text = f"turns without joints that were cut off, {shorten_names(lost)}; keep them by --base, "
+            text += "--tip"
             part.warn("robot.coupling-cut", text)
         terms = tuple((index[name], factor) for name, factor in stated if name in index and factor)
         couplings += [replace(drive, terms=terms)] if terms else []

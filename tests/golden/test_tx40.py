@@ -129,7 +129,7 @@ def test_published_groups_are_ours_mapped_for_any_robot(tx40, base, texts):
     robot = tx40[0]
     ours = (*base.parameters, *base.friction)
     rng = np.random.default_rng(7)
-    rows = derive_regrouping(base, [read_group(text, robot) for text in texts]).rows
+    rows = derive_regrouping(base, [read_group(text, robot) for text in texts])
     letters = {"Fv": "fv", "Fc": "fs", "offset": "off", "IA": "Ia"}
 
     def write(name):

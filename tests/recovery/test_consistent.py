@@ -16,7 +16,6 @@ from symid.identification.estimators.consistent import (
     solve_consistent,
 )
 from symid.identification.estimators.least_squares import fit_wls
-from symid.identification.estimators.linear_estimators import EstimatorOptions
 from symid.identification.judge import numerics
 from symid.identification.regression.identifiability import analyse_identifiability
 from symid.identification.rigid.fit import identify_parameters
@@ -215,7 +214,7 @@ def test_real_recordings_have_bodies(shared_data, robots_folder, name, logs, pri
     robot = read_robot(robots_folder / f"{name}.toml")
     files = [f"run_{run}.npz" for run in logs] or [f"{name}.npz"]
     recordings = [read_recording(shared_data / name / file, robot) for file in files]
-    options = EstimatorOptions(bodies=build_bodies(robot))
+    options = {"bodies": build_bodies(robot)}
     library, processing = prepare_library(robot), SETTLED[name]
     estimate = identify_parameters(library, recordings, processing, estimator="consistent", options=options)
     found = estimate.settings["fit"]

@@ -17,13 +17,11 @@ from symid.identification.estimators.least_squares import (
 )
 from symid.identification.estimators.linear_estimators import (
     ESTIMATORS,
-    EstimatorOptions,
     Prior,
     build_prior_of_card,
     build_prior_of_estimate,
     fit_huber,
     fit_ridge,
-    fit_rows,
 )
 from symid.identification.regression.equations import ROW_KINDS, build_rows, select_rows, stack_rows
 from symid.identification.regression.identifiability import analyse_identifiability
@@ -75,7 +73,7 @@ def test_exact_rows_give_the_truth(estimator, kind, robot, processing, tolerance
     rows = build_rows(kind, library, build_signals(library, truth, samples=20001), processing)
     if processing is TENTH:
         assert len(rows.values) == pytest.approx(2 * 2000, abs=4)
-    found = fit_rows(estimator, rows, analyse_identifiability(rows)).values
+    found = ESTIMATORS[estimator](rows, analyse_identifiability(rows)).values
     np.testing.assert_allclose(found, truth, rtol=tolerance, atol=tolerance)
 
 
@@ -107,7 +105,7 @@ def test_deviations_cover_the_truth_as_often_as_they_say(estimator, kind):
     scores = []
     for seed in range(40):
         rows = build(seed=seed, noise=NOISE, samples=2001, kind=kind)
-        scores.append(score(fit_rows(estimator, rows, analyse_identifiability(rows))))
+        scores.append(score(ESTIMATORS[estimator](rows, analyse_identifiability(rows))))
     # The mean square of 40 times 12 scores, in part dependent, scatters by about a tenth.
     assert 0.75 < np.mean(np.square(scores)) < 1.3
 
@@ -306,7 +304,7 @@ def test_priors_of_the_robot_file_and_of_estimates():
     estimate = identify_parameters(library, [recording], PLAIN)
     again = build_prior_of_estimate(estimate, 2.0)
     assert again.deviations[0] == pytest.approx(2.0 * estimate.parameters[0].std)
-    options = EstimatorOptions(prior=again, prior_weight=1.0)
+    options = {"prior": again, "prior_weight": 1.0}
     near = identify_parameters(library, [recording], PLAIN, estimator="ridge", options=options)
     assert near.settings["fit"]["prior_weight"] == 1.0
 
@@ -314,7 +312,7 @@ def test_priors_of_the_robot_file_and_of_estimates():
 def test_the_last_joint_is_known_from_its_own_rows():
     rows = build(noise=NOISE)
     seen = analyse_identifiability(rows)
-    fit = fit_rows("sequential", rows, seen)
+    fit = ESTIMATORS["sequential"](rows, seen)
     second = rows.group == 1
     own = [k for k in range(len(rows.names)) if rows.matrix[second][:, k].any()]
     expected = np.linalg.lstsq(rows.matrix[second][:, own], rows.values[second], rcond=None)[0]
@@ -334,7 +332,7 @@ def test_the_last_joint_is_known_from_its_own_rows():
 def test_what_an_estimator_lacks_is_named(estimator, kind, code):
     rows = build(kind=kind)
     with raises(UsageError, code):
-        fit_rows(estimator, rows, analyse_identifiability(rows))
+        ESTIMATORS[estimator](rows, analyse_identifiability(rows))
 
 
 def test_a_file_without_values_is_no_prior_and_an_overlap_is_a_part():

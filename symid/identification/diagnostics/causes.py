@@ -469,10 +469,8 @@ def _list_sizes(logs: FollowedLogs, names: Sequence[str]) -> Iterator[Hypothesis
         zero = search(turn, zeros[zeros != 0.0], joint)
         cause = f"the zero of joint {names[joint]!r} is off by about {zero:.2g} rad"
         offsets = ", ".join(f"{-zero:.3g}" if place == joint else "0" for place in range(count))
-        remedy = (
-            f"add offset = [{offsets}] to [log.position], or {-zero:.3g} to its theta in the robot file; "
-            f'zeros = ["{names[joint]}"] there finds it with its standard deviation'
-        )
+        remedy = f"add offset = [{offsets}] to [log.position], or {-zero:.3g} to its theta in the robot "
+        remedy += f'file; zeros = ["{names[joint]}"] there finds it with its standard deviation'
         family = f"zero of {names[joint]}"
         yield Hypothesis("log.joint-zero", family, cause, remedy, turn(zero), (joint,), tried=_STEPS)
 

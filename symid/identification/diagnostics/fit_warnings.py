@@ -212,8 +212,6 @@ def warn_of_moving_ends(processing: Processing, recordings: Sequence[Recording])
 
 def describe_proportion(first: str, second: str, file: str = "") -> Notice:
     """Return a notice on two joints that move in proportion."""
-    text = (
-        f"joints {first!r} and {second!r} move in proportion throughout, so that their parameters "
-        "cannot be separated: move each joint on its own as well"
-    )
+    text = f"joints {first!r} and {second!r} move in proportion throughout, so that their parameters "
+    text += "cannot be separated: move each joint on its own as well"
     return Notice(code="log.in-proportion", text=text, file=file)

@@ -394,10 +394,9 @@ def compute_band_residual(
     signals = regression.hold_resting_joints(prepare_signals(recording, processing), resting)
     left = round(condensing.ENDS / signals.period)
     if len(signals.time) < 2 * left + _FEWEST:
-        text = (
-            f"{len(signals.time) * signals.period:.3g} s are left of the log, too few for a comparison "
-            f"within a band that leaves out {condensing.ENDS:g} s at either end; cut off less, or log longer"
-        )
+        text = f"{len(signals.time) * signals.period:.3g} s are left of the log, too few for a comparison "
+        text += f"within a band that leaves out {condensing.ENDS:g} s at either end; cut off less, or log "
+        text += "longer"
         raise LogError(Notice(code="validate.short-log", text=text, file=recording.source))
     kept, cards = slice(left, len(signals.time) - left), library.card.joints
     torque = recording.torque[processing.drop_first :][: len(signals.time)]

@@ -84,19 +84,15 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
     """Return, by joint, why its torsion cannot be used; for raised errors see `prepare_methods`."""
     card = library.card
     if not any(card.yielding):
-        text = (
-            f"the robot {card.robot!r} has no elastic joints: state [joint.elasticity] for those that are "
-            "elastic, or identify it as a rigid robot"
-        )
+        text = f"the robot {card.robot!r} has no elastic joints: state [joint.elasticity] for those that are "
+        text += "elastic, or identify it as a rigid robot"
         raise UsageError(Notice(code="usage.not-elastic", text=text))
     if not recordings:
         raise UsageError(Notice(code="usage.no-log", text="no log was given: name at least one"))
     check_joints(library, recordings)
     if all(np.all(np.ptp(recording.torque, axis=0) == 0.0) for recording in recordings):
-        text = (
-            "the measured torque of every joint is zero, or the same number, throughout: check the torque "
-            "columns of the log and their factors"
-        )
+        text = "the measured torque of every joint is zero, or the same number, throughout: check the torque "
+        text += "columns of the log and their factors"
         raise IdentifiabilityError(Notice(code="elastic.no-torque", text=text))
     found = []
     for motor, link in map(regression.get_encoder_positions, recordings):
@@ -106,10 +102,8 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
     # Noise in a torsion makes springs softer by its part of the torsion's power.
     least = noises / np.sqrt(POLICY.relevance)
     if np.all(np.maximum(motors, links) <= least):
-        text = (
-            "no joint moves in these logs beyond the noise of its encoders: record motions in which every "
-            "joint accelerates, turns both ways and carries load"
-        )
+        text = "no joint moves in these logs beyond the noise of its encoders: record motions in which every "
+        text += "joint accelerates, turns both ways and carries load"
         raise IdentifiabilityError(Notice(code="elastic.standstill", text=text))
     below_noise = np.all(torsions <= least, axis=0)
     # Of a constant, rounding leaves a deviation.
@@ -121,21 +115,17 @@ def _check_recordings(library: Library, recordings: Sequence[Recording]) -> Mapp
             continue
         if motor_moves[joint] != link_moves[joint]:
             side, other = ("link", "motor") if motor_moves[joint] else ("motor", "link")
-            text = (
-                f"joint {entry.name!r}: the {side} encoder never changes while that of the {other} does, so "
-                "that its spring is not identifiable; check the column"
-            )
+            text = f"joint {entry.name!r}: the {side} encoder never changes while that of the {other} does, "
+            text += "so that its spring is not identifiable; check the column"
             hidden[joint] = Notice(code="elastic.dead-encoder", text=text)
             # A link may be locked on purpose. A motor's torque without its motion spoils all equations.
             if np.any(links[:, joint] > least[:, joint]) and not motor_moves[joint]:
                 lost.append(hidden[joint])
         elif below_noise[joint]:
-            text = (
-                f"joint {entry.name!r}: its spring is not identifiable: the torsion scatters by "
-                f"{torsions[:, joint].max():.2g} {entry.position_unit}, the noise of the encoders by "
-                f"{noises[:, joint].max():.2g} {entry.position_unit}. Load it more, use finer encoders, or "
-                "describe the joint as rigid"
-            )
+            text = f"joint {entry.name!r}: its spring is not identifiable: the torsion scatters by "
+            text += f"{torsions[:, joint].max():.2g} {entry.position_unit}, the noise of the encoders by "
+            text += f"{noises[:, joint].max():.2g} {entry.position_unit}. Load it more, use finer encoders, "
+            text += "or describe the joint as rigid"
             hidden[joint] = Notice(code="elastic.no-torsion", text=text)
     if lost or len(hidden) == sum(card.yielding):
         raise IdentifiabilityError(*(lost or hidden.values()))
@@ -212,10 +202,9 @@ def _warn_of_springs(
         if joint in refused or not work.problem.gives[joint]:
             continue
         if not spring.stiffness:
-            text = (
-                f"joint {card.name!r}: k0, the stiffness left when all stops slip, is at its bound of zero, "
-                "which no robot file can have. Load the joint more, to both sides, or use fewer stops"
-            )
+            text = f"joint {card.name!r}: k0, the stiffness left when all stops slip, is at its bound of "
+            text += "zero, which no robot file can have. Load the joint more, to both sides, or use fewer "
+            text += "stops"
             yield Notice(code="elastic.no-stiffness", text=text)
         for signals in work.problem.signals:
             phi = signals.phi[:, joint]
@@ -231,12 +220,10 @@ def _warn_of_springs(
                 radius, torque = max(late), sum(late.values())
                 samples = [regression.locate_settled(phi, radius), signals.settled]
                 end, start = (signals.time[samples] - signals.time[0]).tolist()
-                text = (
-                    f"joint {card.name!r}: the state of its stop at {radius:.3g} {card.position_unit} is "
-                    f"known from {end:.3g} s on, but equations begin at {start:.3g} s: until then its torque "
-                    f"may be wrong by up to {torque:.3g} {card.torque_unit}. Begin logs with the largest "
-                    "load to both sides"
-                )
+                text = f"joint {card.name!r}: the state of its stop at {radius:.3g} {card.position_unit} is "
+                text += f"known from {end:.3g} s on, but equations begin at {start:.3g} s: until then its "
+                text += f"torque may be wrong by up to {torque:.3g} {card.torque_unit}. Begin logs with the "
+                text += "largest load to both sides"
                 yield Notice(code="elastic.not-converged", text=text)
 
 
@@ -332,10 +319,8 @@ def _tell_friction(
     """Yield which laws were taken in place of those stated, and whose friction drifts."""
     for law in found.laws:
         why = "" if law.selection is None else law.selection.verdict
-        text = (
-            f"joint {law.joint!r}: its friction is {law.law}, not {stated[law.joint].law} as the robot file "
-            f"has it. {why} State the law in the robot file to keep it, or name one with --friction"
-        )
+        text = f"joint {law.joint!r}: its friction is {law.law}, not {stated[law.joint].law} as the robot "
+        text += f"file has it. {why} State the law in the robot file to keep it, or name one with --friction"
         yield Notice(code="elastic.friction-law", text=text)
     if found.drifting:
         largest = np.max([np.abs(part).max(axis=0) for part in found.drift], axis=0)
@@ -344,11 +329,9 @@ def _tell_friction(
             for card, size in zip(library.card.joints, largest, strict=True)
             if card.name in found.drifting
         )
-        text = (
-            f"friction changes during the logs, as that of drives that warm up, from its mean: {sizes}. The "
-            "change was subtracted from the torques, and parameters are those of the mean: record when the "
-            "drives are warm, or state a law that reads their temperature"
-        )
+        text = f"friction changes during the logs, as that of drives that warm up, from its mean: {sizes}. "
+        text += "The change was subtracted from the torques, and parameters are those of the mean: record "
+        text += "when the drives are warm, or state a law that reads their temperature"
         yield Notice(code="elastic.friction-drift", text=text)
 
 
@@ -380,11 +363,9 @@ def _build_estimate(
     for joint, (card, share) in enumerate(zip(joints, shares.tolist(), strict=True)):
         good = fit.elasticity[joint].initial_stiffness and share < limit
         if problem.gives[joint] and joint not in springs and not good:
-            text = (
-                f"joint {card.name!r}: no spring explains its torque: the best has a residual of {share:.0f} "
-                f"% (limit {limit:g} %). Check sign and factor of the torque and whether the encoders of "
-                "motor and link are swapped; else load the joint more, or try another method"
-            )
+            text = f"joint {card.name!r}: no spring explains its torque: the best has a residual of "
+            text += f"{share:.0f} % (limit {limit:g} %). Check sign and factor of the torque and whether the "
+            text += "encoders of motor and link are swapped; else load the joint more, or try another method"
             springs[joint] = Notice(code="elastic.no-spring", text=text)
     springs = dict(sorted(springs.items()))
     if len(springs) == sum(problem.gives):
@@ -449,11 +430,9 @@ def _tell_known(
     if far:
         units = {card.name: card.unit for card in cards}
         alone = ", ".join(f"{name} {value:.4g} +- {std:.2g} {units[name]}" for name, value, std in far)
-        text = (
-            f"known parameters contradict the logs ({ratio:.3g} times the limit), which alone give {alone}. "
-            "Check loads and scales of the torque, or remove these from the known ones; else the others are "
-            "wrong by as much"
-        )
+        text = f"known parameters contradict the logs ({ratio:.3g} times the limit), which alone give "
+        text += f"{alone}. Check loads and scales of the torque, or remove these from the known ones; else "
+        text += "the others are wrong by as much"
         yield Notice(code="elastic.known-contradicted", text=text)
 
 

@@ -401,10 +401,8 @@ def choose_fit(work: ElasticEquations, fits: Sequence[estimate.MethodFit]) -> Me
     noise = f"(normalised error {errors[taken]:.3g}; 1 is the noise floor)"
     reason = f"{best.method} predicts held-out torque best of {len(kept)} methods {noise} and was chosen"
     if close > 1:
-        reason = (
-            f"{close} of {len(kept)} methods predict held-out torque equally well {noise}. {best.method} has "
-            "the smallest uncertainty of these and was chosen"
-        )
+        reason = f"{close} of {len(kept)} methods predict held-out torque equally well {noise}. "
+        reason += f"{best.method} has the smallest uncertainty of these and was chosen"
     return MethodSelection(
         fit=best,
         errors=dict(zip((fit.method for fit in kept), errors.tolist(), strict=True)),
@@ -421,11 +419,9 @@ def find_contradiction(work: ElasticEquations, fit: estimate.MethodFit) -> tuple
     known, apart, spread = _list_differences(work, fit)
     limits = POLICY.relevance * _measure_sizes(work, work.band.chi)[known]
     ratio = float(np.max(np.abs(_find_sure(apart, spread)) / limits, initial=0.0))
-    text = (
-        "its dynamics contradict those identified without springs (a parameter by "
-        f"{100.0 * POLICY.relevance * ratio:.2g} % of its size, limit {100.0 * POLICY.relevance:g} %). Its "
-        "spring model does not describe these joints well enough"
-    )
+    text = "its dynamics contradict those identified without springs (a parameter by "
+    text += f"{100.0 * POLICY.relevance * ratio:.2g} % of its size, limit {100.0 * POLICY.relevance:g} %). "
+    text += "Its spring model does not describe these joints well enough"
     return text if ratio > 1.0 else "", ratio
 
 
@@ -534,9 +530,8 @@ def choose_springs(
             continue
         # Stops are no other kind.
         springs[joint], kinds[joint] = spring, "" if name == "stops" else name
-        text = (
-            f"joint {cards[joint].name!r}: a spring of another kind was taken: {name}. Its held-out residual "
-            f"is {left:.2g} % of the joint torque, that of stops and knees {before:.2g} % where fitted"
-        )
+        text = f"joint {cards[joint].name!r}: a spring of another kind was taken: {name}. Its held-out "
+        text += f"residual is {left:.2g} % of the joint torque, that of stops and knees {before:.2g} % where "
+        text += "fitted"
         notices.append(Notice(code="elastic.spring-kind", text=text))
     return replace(fit, elasticity=tuple(springs), notices=(*fit.notices, *notices)), tuple(kinds)

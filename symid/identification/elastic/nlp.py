@@ -140,9 +140,8 @@ def optimise_nlp(
     certificate = compute_certificate(cost, x, scales)
     if outcome is Ending.CONVERGED and certificate.kkt > numerics.CONVERGED:
         outcome = Ending.STALLED
-        reason = (
-            f"Ipopt reports success, but the residual of the optimality conditions is {certificate.kkt:.1e}"
-        )
+        reason = "Ipopt reports success, but the residual of the optimality conditions is "
+        reason += f"{certificate.kkt:.1e}"
     return NlpRun(x, cost.compute_value(state(x)), outcome, reason, certificate)
 
 
@@ -420,10 +419,8 @@ def _list_notices(run: NlpRun, card: ModelCard, layout: NlpLayout) -> Iterator[N
     known = {layout.names[place] for place in places if layout.lower[place] == layout.upper[place]}
     unknown = [name for name in run.certificate.undetermined if name not in known]
     if unknown:
-        text = (
-            f"not identifiable from these logs: {', '.join(unknown)}; record larger motions, other speeds or "
-            "more load, or leave these terms out"
-        )
+        text = f"not identifiable from these logs: {', '.join(unknown)}; record larger motions, other speeds "
+        text += "or more load, or leave these terms out"
         yield Notice(code="elastic.nlp-undetermined", text=text)
     for name, value in run.certificate.active:
         # Zero is a bound of nature; all others are ours.
@@ -432,10 +429,8 @@ def _list_notices(run: NlpRun, card: ModelCard, layout: NlpLayout) -> Iterator[N
             yield Notice(code="elastic.nlp-limit", text=text)
     # No parameter of the model states Stribeck friction.
     for joint, excess, speed in zip(card.joints, run.x[layout.excess], run.x[layout.speed], strict=False):
-        found = (
-            f"Fs = {excess:.4g} {joint.torque_unit}, vs = {speed:.4g} {joint.position_unit}/s; "
-            "predictions leave it out; state such a law to keep it"
-        )
+        found = f"Fs = {excess:.4g} {joint.torque_unit}, vs = {speed:.4g} {joint.position_unit}/s; "
+        found += "predictions leave it out; state such a law to keep it"
         text = f"joint {joint.name!r}: Stribeck friction on top of the model's: "
         yield Notice(code="elastic.stribeck", text=text + (found if excess > 0.0 else "none"))
 
@@ -670,10 +665,8 @@ def _take(graph: NlpGraph, given: Any, what: str, samples: int | None = None) ->
     known = {hash(entry.symbol) for entry in graph.variables.values()}
     strangers = [symbol.name() for symbol in casadi.symvar(found) if hash(symbol) not in known]
     if strangers:
-        text = (
-            f"{what} has symbols that are not variables of this problem: {', '.join(strangers)}; add "
-            f"them, or take {', '.join(graph.variables)}"
-        )
+        text = f"{what} has symbols that are not variables of this problem: {', '.join(strangers)}; add "
+        text += f"them, or take {', '.join(graph.variables)}"
         raise UsageError(Notice(code="usage.expression", text=text))
     return found
 

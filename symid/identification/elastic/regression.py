@@ -320,11 +320,9 @@ def get_encoder_positions(recording: Recording) -> tuple[FloatArray, FloatArray]
         return recording.motor_position, recording.position
     if recording.link_position is not None:
         return recording.position, recording.link_position
-    text = (
-        "torsion is the difference of motor and link positions, and this log has only one of them; name the "
-        "other column in [log.motor_position] or [log.link_position], or leave --method out to identify "
-        "the motor side alone"
-    )
+    text = "torsion is the difference of motor and link positions, and this log has only one of them; name "
+    text += "the other column in [log.motor_position] or [log.link_position], or leave --method out to "
+    text += "identify the motor side alone"
     raise LogError(Notice(code="elastic.one-encoder", text=text, file=recording.source))
 
 
@@ -352,12 +350,10 @@ def join_rigid_joints(
         apart, moving = np.abs(np.mean(gap, axis=0)), np.std(gap, axis=0)
         for joint in np.flatnonzero(rigid & moves[0] & moves[1] & (np.hypot(apart, moving) > limit)):
             name, unit = card.joints[joint].name, card.joints[joint].position_unit
-            text = (
-                f"joint {name!r} is rigid, and its two positions differ, by {apart[joint]:.2g} {unit} in the "
-                f"mean and by {moving[joint]:.2g} {unit} about it; that of [log.position] was taken. If the "
-                "zero of the other is right, name that one; if they move apart by torsion, give the joint "
-                "[joint.elasticity]"
-            )
+            text = f"joint {name!r} is rigid, and its two positions differ, by {apart[joint]:.2g} {unit} in "
+            text += f"the mean and by {moving[joint]:.2g} {unit} about it; that of [log.position] was taken. "
+            text += "If the zero of the other is right, name that one; if they move apart by torsion, give "
+            text += "the joint [joint.elasticity]"
             notices.append(Notice(code="log.rigid-joint", text=text, file=recording.source))
         taken = np.where(moves[0], first, second)
         one, other = (np.where(rigid, taken, side) for side in (first, second))
@@ -520,10 +516,8 @@ def build_energy_windows(library: Library, signals: ElasticSignals, length: floa
     intervals, steps = round(length / signals.period), len(signals.time) - 1 - signals.settled
     count = steps // intervals if intervals else 0
     if count < 1:
-        text = (
-            f"window of {length:g} s: must be at least one sample period ({signals.period:g} s) and at most "
-            f"the part of the recording that equations come from ({steps * signals.period:g} s)"
-        )
+        text = f"window of {length:g} s: must be at least one sample period ({signals.period:g} s) and at "
+        text += f"most the part of the recording that equations come from ({steps * signals.period:g} s)"
         raise UsageError(Notice(code="usage.window", text=text))
     ends = slice(signals.settled, signals.settled + count * intervals + 1, intervals)
 

@@ -100,10 +100,8 @@ def build_motor_recording(recording: Recording, robot: Robot) -> Recording:
         return recording
     # A rigid joint has one position, whichever encoder it is of; a channel that never moves is no encoder.
     taken = np.array(robot.elastic) & (np.ptp(recording.motor_position, axis=0) > 0.0)
-    text = (
-        "the log has two positions a joint; that of the motor is used for elastic joints, because friction "
-        "and rotors turn with it. Gravity is wrong by the torsion"
-    )
+    text = "the log has two positions a joint; that of the motor is used for elastic joints, because "
+    text += "friction and rotors turn with it. Gravity is wrong by the torsion"
     notice = Notice(code="log.motor-position", text=text, file=recording.source)
     return replace(
         recording,
@@ -121,22 +119,18 @@ def check_motor_side(robot: Robot, recordings: Sequence[Recording]) -> None:
     columns, known = (() if quantity is None else quantity.columns for quantity in stated)
     if not columns or not all(name in known or _LINK_NAME.fullmatch(name) for name in columns):
         return
-    text = (
-        f"its one position ({', '.join(columns)}) is that of the links, but friction and rotors turn with "
-        "the motors: elastic joints cannot be identified from it. Name the columns of the motors in "
-        "[log.motor_position], or in [log.position] alone"
-    )
+    text = f"its one position ({', '.join(columns)}) is that of the links, but friction and rotors turn with "
+    text += "the motors: elastic joints cannot be identified from it. Name the columns of the motors in "
+    text += "[log.motor_position], or in [log.position] alone"
     raise LogError(*(Notice(code="elastic.link-side", text=text, file=entry.source) for entry in recordings))
 
 
 def warn_of_rotors(parameters: Sequence[ParameterEstimate]) -> tuple[Notice, ...]:
     """Return a warning where rotor inertias are negative, which no motor has."""
     names = [entry.name for entry in parameters if _ROTOR_NAME.fullmatch(entry.name) and entry.value < 0.0]
-    text = (
-        f"negative rotor inertia, which is impossible: {', '.join(names)}. Check whether the position is "
-        "that of the links, and sign and factor of the torque; if the motions are too slow to separate "
-        "rotors from links, take the inertia from the data sheet"
-    )
+    text = f"negative rotor inertia, which is impossible: {', '.join(names)}. Check whether the position is "
+    text += "that of the links, and sign and factor of the torque; if the motions are too slow to separate "
+    text += "rotors from links, take the inertia from the data sheet"
     return (Notice(code="elastic.negative-rotor", text=text),) if names else ()
 
 
@@ -161,10 +155,9 @@ def refuse_elasticity(estimate: Estimate, robot: Robot, *, both: bool = False) -
     With `both` the logs have both positions, and coupled drives stand in the way.
     """
     one = "the logs have one position a joint, taken as that of its motor"
-    text = (
-        f"{'coupled drives turn with elastic joints' if both else one}: the rigid model was identified, with "
-        "rotor inertias merged into the base parameters; stiffness and hysteresis are not identifiable"
-    )
+    text = f"{'coupled drives turn with elastic joints' if both else one}: the rigid model was identified, "
+    text += "with rotor inertias merged into the base parameters; stiffness and hysteresis are not "
+    text += "identifiable"
     notice = Notice(code="elastic.motor-side", text=text)
     return replace(
         estimate,
@@ -198,26 +191,20 @@ def choose_route(
     sprung = {index for index, joint in enumerate(robot.joints) if joint.elasticity is not None}
     bound = [drive.name for drive in robot.couplings if sprung & {index for index, _ in drive.terms}]
     if bound and method is not None:
-        text = (
-            f"--method {method}: the coupled drives {', '.join(bound)} turn with elastic joints, which no "
-            "method for springs describes; leave it out"
-        )
+        text = f"--method {method}: the coupled drives {', '.join(bound)} turn with elastic joints, which no "
+        text += "method for springs describes; leave it out"
         raise UsageError(Notice(code="usage.method", text=text))
     if any(robot.elastic) and not bound and (not without or method is not None):
         if without:
-            text = (
-                f"--method {method} needs the positions of motors and links, and the log has one a joint. "
-                "Name the other in [log.motor_position] or [log.link_position], or leave --method out to "
-                "identify the motor side alone"
-            )
+            text = f"--method {method} needs the positions of motors and links, and the log has one a joint. "
+            text += "Name the other in [log.motor_position] or [log.link_position], or leave --method out to "
+            text += "identify the motor side alone"
             raise UsageError(Notice(code="usage.one-encoder", text=text))
         _refuse_options(rigid, f"the elastic robot {robot.name!r}")
         return "elastic"
     if method is not None:
-        text = (
-            f"--method {method}: the robot {robot.name!r} has no elastic joints; leave it out, or use "
-            "--method stiffness"
-        )
+        text = f"--method {method}: the robot {robot.name!r} has no elastic joints; leave it out, or use "
+        text += "--method stiffness"
         raise UsageError(Notice(code="usage.method", text=text))
     _refuse_options(elastic, f"{robot.name!r}, identified as rigid")
     if any(robot.elastic) and without:

@@ -207,19 +207,16 @@ def _align(
         moved = tuple(align(recording, kept, run=run) for run, recording in enumerate(recordings))
         notices = tuple(recording.notices[-1] for recording in moved)
     if refuted:
-        text = (
-            f"the link encoders look {1e3 * found.delay:.3g} ms late, but the motors' torque does not show "
-            "it: friction of the links or dampers beside springs look alike. The delay was left alone"
-        )
+        text = f"the link encoders look {1e3 * found.delay:.3g} ms late, but the motors' torque does not "
+        text += "show it: friction of the links or dampers beside springs look alike. The delay was left "
+        text += "alone"
         notices = (*notices, Notice(code="log.delay-refuted", text=text))
     pairs = zip(library.card.joints, found.unknown, strict=True)
     names = [repr(card.name) for card, unknown in pairs if unknown]
     if names:
-        text = (
-            f"joint{'s'[: len(names) > 1]} {', '.join(names)}: the zero offset of the link encoder is not "
-            "identifiable and was left alone, because the torque of gravity hardly changes in some log. Set "
-            "the zero with the joint unloaded, or move it to where gravity pulls otherwise"
-        )
+        text = f"joint{'s'[: len(names) > 1]} {', '.join(names)}: the zero offset of the link encoder is not "
+        text += "identifiable and was left alone, because the torque of gravity hardly changes in some log. "
+        text += "Set the zero with the joint unloaded, or move it to where gravity pulls otherwise"
         notices = (*notices, Notice(code="log.offset-unknown", text=text))
     return moved, found, kept, notices
 
@@ -281,10 +278,8 @@ def prepare_aligned(
     notices = (*joined, *notices)
     if kept is not None:
         return moved, kept, notices
-    text = (
-        f"delay between the encoders: {1e3 * found.delay:.3g} ms (standard deviation "
-        f"{1e3 * found.delay_std:.2g} ms)"
-    )
+    text = f"delay between the encoders: {1e3 * found.delay:.3g} ms (standard deviation "
+    text += f"{1e3 * found.delay_std:.2g} ms)"
     if not np.all(np.isnan(found.offsets)):
         largest, deviation = np.nanmax(np.abs(found.offsets)), np.nanmax(found.offset_stds)
         text += f", zero offsets up to {largest:.2g} ({deviation:.2g})"
@@ -431,10 +426,8 @@ def _judge(
         explained, load = 0.0, "gravity does not load this joint"
         if steady > numerics.CONVERGED:
             load = "the torque of gravity on this joint does not change"
-        text = (
-            f"{load}, and torques of acceleration are shared by rotor and link in unknown parts; {left:.3g} "
-            f"{unit} RMS of its torsion are unexplained"
-        )
+        text = f"{load}, and torques of acceleration are shared by rotor and link in unknown parts; "
+        text += f"{left:.3g} {unit} RMS of its torsion are unexplained"
         against.append((StiffnessVerdict.NO_GRAVITY, text))
     else:
         # Runs are averaged with the inverse of their variances.
@@ -453,10 +446,8 @@ def _judge(
         half = float(scipy.stats.t.ppf(0.5 + 0.5 * POLICY.confidence, max(1, n - 1))) * std
         low, high = mean - half, mean + half
         if explained <= left:
-            text = (
-                f"the torsion that gravity explains, {explained:.3g} {unit}, is smaller than the residual, "
-                f"{left:.3g} {unit} (RMS)"
-            )
+            text = f"the torsion that gravity explains, {explained:.3g} {unit}, is smaller than the "
+            text += f"residual, {left:.3g} {unit} (RMS)"
             against.append((StiffnessVerdict.BELOW_NOISE, text))
         if chance < POLICY.alarm:
             text = "the runs contradict each other: p-value for equal springs"

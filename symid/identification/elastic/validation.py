@@ -185,10 +185,8 @@ def compute_elastic_reference(
     """
     spec = next((function for function in library.card.functions if function.name == _FUNCTION), None)
     if spec is None:
-        text = (
-            f"robot {library.card.robot!r} has no function {_FUNCTION}: all its joints must be elastic and "
-            "driven by motors with a rotor_inertia, without damping, cubic springs or couplings"
-        )
+        text = f"robot {library.card.robot!r} has no function {_FUNCTION}: all its joints must be elastic "
+        text += "and driven by motors with a rotor_inertia, without damping, cubic springs or couplings"
         raise UsageError(Notice(code="usage.no-feed-forward", text=text))
     springs = build_spring_vector(fit.elasticity, library.card)
     shared = {"beta": fit.beta, "IA": fit.rotor, "f": fit.friction, "h": springs}

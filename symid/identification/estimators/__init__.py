@@ -54,14 +54,13 @@ if TYPE_CHECKING:
         estimate_period_noise as estimate_period_noise,
         fit_condensed as fit_condensed,
         fit_weighted as fit_weighted,
+        fit_wls as fit_wls,
         measure_influence as measure_influence,
     )
     from symid.identification.estimators.linear_estimators import (
         ESTIMATORS as ESTIMATORS,
-        EstimatorOptions as EstimatorOptions,
         build_prior_of_card as build_prior_of_card,
         build_prior_of_estimate as build_prior_of_estimate,
-        fit_rows as fit_rows,
     )
 else:
     from symid.lazy import load_names

@@ -161,7 +161,7 @@ class ConsistentSolution:
 
 
 def fit_consistent(
-    rows: Rows, identifiability: Identifiability, freedom: str = "band", *, bodies: Bodies | None
+    rows: Rows, identifiability: Identifiability, freedom: str = "band", *, bodies: Bodies | None = None
 ) -> RegressionFit:
     """Return the fit of bodies that exist, as `fit_ols`; raise UsageError where no bodies are given."""
     if bodies is None:
@@ -183,11 +183,9 @@ def fit_consistent(
     price = 100.0 * (float(np.sqrt(1.0 + growth)) - 1.0)
     notices: tuple[Notice, ...] = ()
     if chance < POLICY.alarm and growth > POLICY.relevance:
-        text = (
-            f"the residual is {price:.3g} % larger than that of weighted least squares: no physically "
-            "consistent bodies fit the log; check signs, units and the order of joints (`symid check`), or "
-            "add the missing term to the model"
-        )
+        text = f"the residual is {price:.3g} % larger than that of weighted least squares: no physically "
+        text += "consistent bodies fit the log; check signs, units and the order of joints (`symid check`), "
+        text += "or add the missing term to the model"
         notices = (Notice(code="identify.price", text=text),)
     return replace(
         free,
@@ -239,19 +237,15 @@ def solve_consistent(triangle: FloatArray, centre: FloatArray, bodies: Bodies) -
             break
     found = replace(found, iterations=steps)
     if not found.gap <= numerics.CONVERGED * (dynamics.compute_cost(problem, found) + problem.weight):
-        text = (
-            f"no optimum among consistent bodies: Newton's method did not converge in {found.iterations} "
-            "steps; identify with wls, and export that"
-        )
+        text = f"no optimum among consistent bodies: Newton's method did not converge in {found.iterations} "
+        text += "steps; identify with wls, and export that"
         raise SolverError(Notice(code="solver.consistent", text=text))
     lower = cost.roots @ found.factors
     inertias = np.asarray(lower @ lower.transpose(0, 2, 1))
     eigenvalue = float(np.linalg.eigvalsh(inertias).min())
     if not eigenvalue > 0.0:
-        text = (
-            "the best bodies are singular to working precision: no bodies fit the log, or it excites them "
-            "too little; identify with wls, and look at the parameters it refuses"
-        )
+        text = "the best bodies are singular to working precision: no bodies fit the log, or it excites them "
+        text += "too little; identify with wls, and look at the parameters it refuses"
         raise SolverError(Notice(code="solver.singular-bodies", text=text))
     pi = dynamics.compute_standard_parameters(inertias)
     values = np.einsum("pnk,nk->p", bodies.links, pi) + cost.loose @ found.others

@@ -342,8 +342,7 @@ class Residual:
         cls, joint: str, norm: float, whole: float, samples: int, unit: str, std: float
     ) -> "Residual":
         """Return the residual of errors and measured values with the norms `norm` and `whole`."""
-        percent = 100.0 * norm / whole if whole else float("inf")
-        return cls(joint, norm, percent, std, samples, unit)
+        return cls(joint, norm, 100.0 * norm / whole if whole else float("inf"), std, samples, unit)
 
 
 def compute_mean_relative(residual: Sequence[Residual]) -> float:
@@ -396,10 +395,8 @@ def check_model(record: FitRecord, card: ModelCard, file: str = "") -> None:
             text = f"the fit does not match the model {card.robot!r}: {', '.join(strangers)}; identify again"
             raise EstimateError(Notice(code="estimate.parameters", text=text, file=file))
         return
-    difference = (
-        f"the model of robot {card.robot!r} has changed since: its signature is {card.signature[:12]}, "
-        f"that of the fit {record.signature[:12]}"
-    )
+    difference = f"the model of robot {card.robot!r} has changed since: its signature is "
+    difference += f"{card.signature[:12]}, that of the fit {record.signature[:12]}"
     own = ", ".join(map(rename_law, record.friction))
     theirs = ", ".join(joint.friction for joint in card.joints)
     if own and own != theirs:

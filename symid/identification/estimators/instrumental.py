@@ -76,10 +76,8 @@ def fit_instruments(
     try:
         identifiability = regression.analyse_identifiability(seen, rule)
     except IdentifiabilityError as error:
-        text = (
-            "the simulated robot does not excite enough parameters: the reference of the log hardly "
-            "moves, or the simulated robot does not follow it; check q_ref, its unit and [controller]"
-        )
+        text = "the simulated robot does not excite enough parameters: the reference of the log hardly "
+        text += "moves, or the simulated robot does not follow it; check q_ref, its unit and [controller]"
         raise _refuse(text, *error.notices, simulated=simulated) from error
     basis = identifiability.basis
     count = int(basis.shape[1])
@@ -104,18 +102,14 @@ def fit_instruments(
     states = "simulated" if simulated else "smooth"
     if len(hidden):
         rests = ", or because a joint that moves in the log rests in the simulation" if simulated else ""
-        text = (
-            f"the {states} states do not identify {', '.join(rows.names[k] for k in hidden)}, the "
-            f"measured ones do: only by their noise{rests}; the other parameters may be biased"
-        )
+        text = f"the {states} states do not identify {', '.join(rows.names[k] for k in hidden)}, the "
+        text += f"measured ones do: only by their noise{rests}; the other parameters may be biased"
         notices.append(Notice(code=_BLIND, text=text))
     if strength * POLICY.relevance < 1.0:
         cause = "the controller of the log" if simulated else "processing.instrument_cutoff"
-        text = (
-            f"the instruments are weak (F of the first stage is {strength:.3g}): they leave about "
-            f"{100.0 / max(strength, 1.0):.2g} % of the bias of wls, and the standard deviations are too "
-            f"small; check {cause}, and the noise of the positions"
-        )
+        text = f"the instruments are weak (F of the first stage is {strength:.3g}): they leave about "
+        text += f"{100.0 / max(strength, 1.0):.2g} % of the bias of wls, and the standard deviations are too "
+        text += f"small; check {cause}, and the noise of the positions"
         notices.append(Notice(code="identify.weak-instruments", text=text))
     fit = RegressionFit(
         values=values,
@@ -141,10 +135,8 @@ def _refuse(text: str, *reasons: Notice, simulated: bool) -> IdentifiabilityErro
     """Return the error of instruments that see too little, in other words where they are smooth states."""
     if simulated:
         return IdentifiabilityError(Notice(code=_BLIND, text=text), *reasons)
-    text = (
-        "the instruments, along positions below processing.instrument_cutoff, do not determine the "
-        "parameters: state a higher one, or take another estimator (--estimator wls)"
-    )
+    text = "the instruments, along positions below processing.instrument_cutoff, do not determine the "
+    text += "parameters: state a higher one, or take another estimator (--estimator wls)"
     return IdentifiabilityError(Notice(code=_BLIND, text=text))
 
 
@@ -162,10 +154,8 @@ def _solve_stages(
     matrix = frame.T @ weighted
     left, singular, right = np.linalg.svd(matrix @ basis, full_matrices=False)
     if singular[-1] <= regression.RankRule().singular * singular[0]:
-        text = (
-            "simulated and measured states are uncorrelated in some direction: the reference belongs to "
-            "another run, or the controller is not that of the log"
-        )
+        text = "simulated and measured states are uncorrelated in some direction: the reference belongs to "
+        text += "another run, or the controller is not that of the log"
         raise _refuse(text, simulated=simulated)
     gain: FloatArray = basis @ (right.T / singular) @ left.T
     # The diagonal of W^(1/2) Y times the gain times Q', which takes the measured values to those of the fit.

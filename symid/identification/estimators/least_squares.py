@@ -207,8 +207,7 @@ def fit_gls(
     if len(rows.group_names) == 1:
         return replace(first, report={"noise_correlation": 0.0})
     known = estimate_noise_covariance(rows, first) if noise is None else np.asarray(noise, dtype=np.float64)
-    whitened = whiten_rows(rows, known)
-    found = fit_weighted(whitened, identifiability, np.ones(len(rows.group_names)), freedom)
+    found = fit_weighted(whiten_rows(rows, known), identifiability, np.ones(len(rows.group_names)), freedom)
     size = np.sqrt(np.diag(known))
     correlation = known / np.outer(size, size)
     return replace(
@@ -284,10 +283,8 @@ def estimate_period_noise(
         span = float(time[-1] - time[0]) + recording.period if len(time) > 1 else 0.0
         count, samples = int(span / period + numerics.CONVERGED), round(period / recording.period)
         if count < 2 or samples < 2:
-            text = (
-                f"fewer than two periods of {period:g} s fit into the {span:.3g} s of this log that are "
-                "kept; record at least two, or correct the period"
-            )
+            text = f"fewer than two periods of {period:g} s fit into the {span:.3g} s of this log that are "
+            text += "kept; record at least two, or correct the period"
             raise UsageError(Notice(code="usage.period", text=text, file=recording.source))
         grid = time[0] + period * (np.arange(count)[:, None] + np.arange(samples) / samples)
         folded = np.stack([np.interp(grid, time, column) for column in recording.torque[kept].T], axis=2)
@@ -299,10 +296,8 @@ def estimate_period_noise(
     percent = 100.0 * np.sqrt(np.diag(covariance)) / np.maximum(torque.std(axis=0), numerics.TINY)
     if np.any(percent > POLICY.lost):
         worst = int(np.argmax(percent))
-        text = (
-            f"the torque of joint {worst + 1} differs between periods by {float(percent[worst]):.3g} % "
-            "of its standard deviation: it does not repeat; check the period, or cut off the start"
-        )
+        text = f"the torque of joint {worst + 1} differs between periods by {float(percent[worst]):.3g} % "
+        text += "of its standard deviation: it does not repeat; check the period, or cut off the start"
         raise UsageError(Notice(code="usage.period", text=text, file=recordings[0].source))
     return covariance
 

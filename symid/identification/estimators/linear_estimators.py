@@ -35,7 +35,7 @@ from symid.codegen import ModelCard
 from symid.errors import Notice, UsageError
 from symid.identification import regression
 from symid.identification.estimators import least_squares
-from symid.identification.estimators.consistent import Bodies, fit_consistent
+from symid.identification.estimators.consistent import fit_consistent
 from symid.identification.estimators.estimate import Estimate
 from symid.identification.estimators.least_squares import RegressionFit
 from symid.identification.judge import POLICY, numerics
@@ -69,10 +69,8 @@ def build_prior_of_card(card: ModelCard, fraction: float) -> Prior:
     """
     stated = [entry for entry in (*card.beta, *card.friction) if entry.value is not None]
     if not stated:
-        text = (
-            f"the robot file of {card.robot!r} states no values for a prior: give inertial parameters there, "
-            "or an estimate as --prior FILE"
-        )
+        text = f"the robot file of {card.robot!r} states no values for a prior: give inertial parameters "
+        text += "there, or an estimate as --prior FILE"
         raise UsageError(Notice(code="usage.no-prior", text=text))
     values = np.array([float(entry.value or 0.0) for entry in stated])
     units = np.array([entry.unit for entry in stated])
@@ -101,7 +99,7 @@ def fit_ridge(
     identifiability: Identifiability,
     freedom: str = "band",
     *,
-    prior: Prior | None,
+    prior: Prior | None = None,
     prior_weight: float | None = None,
 ) -> RegressionFit:
     """Return the fit near a prior, as `fit_ols`; `prior_weight` None is chosen by cross validation."""
@@ -195,10 +193,9 @@ def fit_huber(rows: Rows, identifiability: Identifiability, freedom: str = "band
     stretch = 1.0 + spent * (1.0 - inner) / (count * inner)
     square = float(np.clip(ratios, -_BEND, _BEND) ** 2 @ rows.weight)
     variance = stretch**2 * square / (independent * (count - spent)) / inner**2
-    text = (
-        f"the robust fit did not converge: after {steps} iterations it still changes by {change:.2g} "
-        "standard deviations; a residual with two levels is not one with outliers, look at the residual plots"
-    )
+    text = f"the robust fit did not converge: after {steps} iterations it still changes by {change:.2g} "
+    text += "standard deviations; a residual with two levels is not one with outliers, look at the residual "
+    text += "plots"
     return replace(
         first,
         values=values,
@@ -246,8 +243,7 @@ def fit_sequential(rows: Rows, identifiability: Identifiability, freedom: str = 
     ]
     # What no joint determines well on its own.
     weights = least_squares.estimate_group_weights(rows, identifiability, freedom)
-    whole = regression.stack_condensed(condensed, weights)
-    stages.append(("all together", whole, len(rows.values), 0.0))
+    stages.append(("all together", regression.stack_condensed(condensed, weights), len(rows.values), 0.0))
     # x and its covariance so far, and the directions (p, k) that are still open.
     values, covariance, unknown = np.zeros(count), np.zeros((count, count)), identifiability.basis
     order: list[dict[str, object]] = []
@@ -271,20 +267,6 @@ def fit_sequential(rows: Rows, identifiability: Identifiability, freedom: str = 
     return replace(together, values=values, covariance=covariance, residuals=residuals, report=report)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class EstimatorOptions:
-    """What estimators need besides rows; each reads its own.
-
-    `prior` and `prior_weight` (None to choose it) are those of ridge; `bodies` of consistent; `noise` (g, g)
-    the covariance of the noise between joints for gls, None to estimate it.
-    """
-
-    prior: Prior | None = None
-    prior_weight: float | None = None
-    bodies: Bodies | None = None
-    noise: FloatArray | None = None
-
-
 ESTIMATORS: Mapping[str, Callable[..., RegressionFit]] = {
     "ols": least_squares.fit_ols,
     "wls": least_squares.fit_wls,
@@ -294,17 +276,5 @@ ESTIMATORS: Mapping[str, Callable[..., RegressionFit]] = {
     "consistent": fit_consistent,
     "sequential": fit_sequential,
 }
-_OWN = {"gls": ("noise",), "ridge": ("prior", "prior_weight"), "consistent": ("bodies",)}
-"""Options of each estimator."""
-
-
-def fit_rows(
-    estimator: str,
-    rows: Rows,
-    identifiability: Identifiability,
-    freedom: str = "band",
-    options: EstimatorOptions | None = None,
-) -> RegressionFit:
-    """Return the fit of one of `ESTIMATORS`; other arguments as for `fit_ols`."""
-    own = {name: getattr(options or EstimatorOptions(), name) for name in _OWN.get(estimator, ())}
-    return ESTIMATORS[estimator](rows, identifiability, freedom, **own)
+"""All take rows, what can be identified from them and `freedom`; gls `noise`, ridge `prior` and
+`prior_weight`, consistent `bodies` as well."""

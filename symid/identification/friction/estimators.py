@@ -156,20 +156,16 @@ def list_fit_notices(
     for entry, value in zip(law.shape, search.shape, strict=True):
         slow = int(np.sum(np.abs(rows) < 2.0 * value))
         if entry.name == "vs" and slow < POLICY.folds * POLICY.parts:
-            text = (
-                f"only {slow} samples are slower than twice the Stribeck velocity, too few for "
-                "cross-validation: static friction depends on them. Record slower motions"
-            )
+            text = f"only {slow} samples are slower than twice the Stribeck velocity, too few for "
+            text += "cross-validation: static friction depends on them. Record slower motions"
             found.append(("few-slow", text))
     found += [("at-bound", f"{name} is {text}") for name, text in held.items() if name not in refused]
     # Static friction less Coulomb friction.
     named = zip(law.linear, search.linear, strict=True)
     bumps = [value for entry, value in named if entry.name in {"Fe", "Fep", "Fen", "Fle"}]
     if min(bumps, default=0.0) < 0.0 and not any(name.startswith(("fS", "fE")) for name in refused):
-        text = (
-            "static friction is estimated below Coulomb friction. This joint may have no break-away "
-            "friction, or filters smooth the reversal: record slower motions"
-        )
+        text = "static friction is estimated below Coulomb friction. This joint may have no break-away "
+        text += "friction, or filters smooth the reversal: record slower motions"
         found.append(("static-below-coulomb", text))
     values = law.to_physical(search.linear, search.shape)
     for entry, value in zip(law.physical, values, strict=True):
@@ -255,10 +251,8 @@ def fit_friction(
 def check_estimator(estimator: str, law: FrictionLaw | None = None) -> None:
     """Raise UsageError for an unknown estimator, or one that cannot fit a law."""
     if law is not None and law.memory and (estimator != DEFAULT_ESTIMATOR or law.smoothing):
-        text = (
-            f"friction model {law.name!r} has a state: it is fitted without smoothing, by the estimator "
-            f"{DEFAULT_ESTIMATOR!r}; leave these options out"
-        )
+        text = f"friction model {law.name!r} has a state: it is fitted without smoothing, by the estimator "
+        text += f"{DEFAULT_ESTIMATOR!r}; leave these options out"
         raise UsageError(Notice(code="usage.friction-state", text=text))
     if estimator not in SEARCHES:
         text = f"unknown estimator {estimator!r} of friction; choose one of {', '.join(SEARCHES)}"

@@ -45,10 +45,8 @@ def fold_recording(recording: Recording, period: float, *, margin: int) -> Recor
     # Rows reach up to a part of the sample rate, the period as well.
     least = round(1.0 / POLICY.row_band)
     if samples < least or periods < 2:
-        text = (
-            f"a period of {period:g} s has {samples} samples and fits {periods} times into the log; "
-            f"averaging needs at least {least} samples and 2 periods"
-        )
+        text = f"a period of {period:g} s has {samples} samples and fits {periods} times into the log; "
+        text += f"averaging needs at least {least} samples and 2 periods"
         raise LogError(Notice(code="log.period", text=text, file=recording.source))
     # Torques jump: between samples they follow straight lines, positions cubic splines.
     time, wanted = recording.time, samples * periods
@@ -76,10 +74,9 @@ def fold_recording(recording: Recording, period: float, *, margin: int) -> Recor
     # A joint that rests has no range that its noise could be compared with.
     most = 100.0 * float(np.max(apart)) / max(float(np.max(spread)), numerics.TINY)
     if worst > POLICY.relevance and most > 100.0 * POLICY.relevance:
-        text = (
-            f"positions differ by {100.0 * worst:.3g} % of their range between periods: the period is wrong, "
-            "or the motion drifts. Correct --period (one for each log where they differ), or leave it out"
-        )
+        text = f"positions differ by {100.0 * worst:.3g} % of their range between periods: the period is "
+        text += "wrong, or the motion drifts. Correct --period (one for each log where they differ), or "
+        text += "leave it out"
         notices.append(Notice(code="log.not-periodic", text=text, file=recording.source))
         # What rests has no period, and the mean of periods that differ is no motion: the joint that moves
         # most decides.
@@ -296,10 +293,8 @@ def describe_cutoffs(logs: JointLogs) -> tuple[Notice, ...]:
     joints, found = [card.name for card in logs.library.card.joints], []
     for source, cutoffs, resting in zip(logs.sources, logs.cutoffs, logs.resting, strict=False):
         listed = ", ".join(f"{joints[k]} {cut:g}" for k, cut in enumerate(cutoffs) if k not in resting)
-        text = (
-            f"positions pass a low-pass where their noise takes over (Hz): {listed}; more noise of the "
-            "velocity would bend the laws. To set one for all, state filter_cutoff under [processing]"
-        )
+        text = f"positions pass a low-pass where their noise takes over (Hz): {listed}; more noise of the "
+        text += "velocity would bend the laws. To set one for all, state filter_cutoff under [processing]"
         found.append(Notice(code="identify.automatic", text=text, file=source))
     return tuple(found)
 
@@ -341,10 +336,8 @@ def prepare_joint_logs(
     recordings = [replace(one, bad=mask_states(one, processing)) for one in recordings]
     resting = tuple(map(regression.list_resting_joints, recordings))
     if all(len(still) == library.card.size for still in resting):
-        text = (
-            "no joint moves beyond the noise of its encoder in any of these logs: record joints that turn "
-            "both ways, slowly and fast"
-        )
+        text = "no joint moves beyond the noise of its encoder in any of these logs: record joints that turn "
+        text += "both ways, slowly and fast"
         raise IdentifiabilityError(Notice(code="identify.standstill", text=text))
     cutoffs = list[FloatArray]()
     if is_open:
@@ -390,33 +383,25 @@ def extract_joint(
     if not chosen:
         text = f"joint {card.name!r} moves in none of these logs: its friction is not identifiable"
         if any(joint in entry for entry in logs.carried):
-            text = (
-                f"joint {card.name!r} is only shaken by other joints, below {100 * POLICY.relevance:g} % of "
-                "their speed, and sticks and slips: move it by itself"
-            )
+            text = f"joint {card.name!r} is only shaken by other joints, below {100 * POLICY.relevance:g} % "
+            text += "of their speed, and sticks and slips: move it by itself"
         raise IdentifiabilityError(Notice(code="friction.at-rest", text=text))
     samples, sentence, count = _treat_rigid(logs, joint, chosen, beta)
     standstill, notices = logs.processing.get_standstill(joint), list[Notice]()
     kept = ~(np.abs(samples.rows.velocity) < standstill)
     if not kept.any():
-        text = (
-            f"joint {samples.joint!r}: every sample is slower than processing.standstill = {standstill:g}; "
-            "keep them with --set processing.standstill=0"
-        )
+        text = f"joint {samples.joint!r}: every sample is slower than processing.standstill = "
+        text += f"{standstill:g}; keep them with --set processing.standstill=0"
         raise IdentifiabilityError(Notice(code="friction.all-slow", text=text))
     if not kept.all():
-        text = (
-            f"joint {samples.joint!r}: {int((~kept).sum())} of {len(kept)} samples slower than "
-            f"{standstill:g} {'m/s' if samples.prismatic else 'rad/s'} were left out "
-            "(processing.standstill), below which friction is extrapolated. If no joint sticks, keep them "
-            "with --set processing.standstill=0"
-        )
+        text = f"joint {samples.joint!r}: {int((~kept).sum())} of {len(kept)} samples slower than "
+        text += f"{standstill:g} {'m/s' if samples.prismatic else 'rad/s'} were left out "
+        text += "(processing.standstill), below which friction is extrapolated. If no joint sticks, keep "
+        text += "them with --set processing.standstill=0"
         notices.append(Notice(code=_SLOW, text=text))
     if count > 6:
-        text = (
-            f"joint {card.name!r}: {count} columns of the rigid part were fitted jointly, which can bias "
-            "friction. Move one joint at a time, or give the base parameters of all joints with --known"
-        )
+        text = f"joint {card.name!r}: {count} columns of the rigid part were fitted jointly, which can bias "
+        text += "friction. Move one joint at a time, or give the base parameters of all joints with --known"
         notices.append(Notice(code="friction.many-columns", text=text))
     bad = logs.mask_bad(joint, chosen)
     if bad.any():
@@ -453,10 +438,8 @@ def _treat_rigid(
     chosen = list_independent(triangle[:, :count])
     sentence = "no rigid part acts on this joint in these motions"
     if chosen:
-        sentence = (
-            f"a rigid part of {len(chosen)} columns was fitted jointly; each stands for a group that these "
-            "motions do not separate"
-        )
+        sentence = f"a rigid part of {len(chosen)} columns was fitted jointly; each stands for a group that "
+        sentence += "these motions do not separate"
     ranks = {k: len(list_independent(triangle[:, [*chosen, k]])) for k in range(count, len(every))}
     among = [k for k, rank in ranks.items() if rank == len(chosen)]
     physical = [among[k] for k in list_independent(triangle[:, among])]

@@ -297,10 +297,8 @@ def _check_task(task: FrictionTask, recordings: Sequence[Recording]) -> None:
         if unused := _warn_of_smoothing(get_law(name, smoothing=task.smoothing)):
             raise UsageError(Notice(code="usage.friction-smoothing", text=f"{unused[0].text}; leave it out"))
     if len(task.periods) not in {0, 1, len(recordings)}:
-        text = (
-            f"{len(task.periods)} periods for {len(recordings)} logs: give one for all of them, or one for "
-            "each in their order"
-        )
+        text = f"{len(task.periods)} periods for {len(recordings)} logs: give one for all of them, or one "
+        text += "for each in their order"
         raise UsageError(Notice(code="usage.friction-periods", text=text))
     check_estimator(task.estimator)
 
@@ -337,11 +335,9 @@ def _identify_joint(
     if not law.memory:
         warnings += warn_of_friction_pattern(samples, law, estimate)
     if residual.relative_percent > POLICY.usable:
-        text = (
-            f"the residual is {residual.relative_percent:.3g} % of the torque. Check units (radians, not "
-            "degrees; torque of the joint, not of the motor), columns and signs of the log, and whether "
-            "torque and position were sampled at the same times"
-        )
+        text = f"the residual is {residual.relative_percent:.3g} % of the torque. Check units (radians, not "
+        text += "degrees; torque of the joint, not of the motor), columns and signs of the log, and whether "
+        text += "torque and position were sampled at the same times"
         warnings.append(Notice(code="friction.large-residual", text=text))
     gain, rigid = None, extracted.rigid
     if logs.is_measured(joint) and samples.load is not None:
@@ -422,10 +418,8 @@ def warn_of_inertia(estimate: FrictionEstimate) -> tuple[Notice, ...]:
     size = f"{found.name} = {found.value:.4g} +- {found.std:.2g} {found.unit} is negative"
     reason = "within its uncertainty it is zero: the motion accelerates too little to identify it"
     if found.value < -POLICY.printed * found.std:
-        reason = (
-            "the torque may have the wrong sign or unit, or the friction law is incomplete. Check the log's "
-            "columns (log.torque) and scales"
-        )
+        reason = "the torque may have the wrong sign or unit, or the friction law is incomplete. Check the "
+        reason += "log's columns (log.torque) and scales"
     return (Notice(code="friction.negative-inertia", text=f"{size}; {reason}"),)
 
 
@@ -459,10 +453,8 @@ def validate_friction(
     dead = [joint.name for joint, *both in zip(joints, measured, lacking, strict=False) if all(both)]
     if dead:
         what = "has none" if recording.load is None else f"has a constant one for {', '.join(dead)}"
-        text = (
-            f"friction was fitted to torques less the loads of joint-torque sensors, and this log {what}: "
-            "name their columns in [log.load], or identify friction again from logs without loads"
-        )
+        text = f"friction was fitted to torques less the loads of joint-torque sensors, and this log {what}: "
+        text += "name their columns in [log.load], or identify friction again from logs without loads"
         raise LogError(Notice(code="validate.friction-load", text=text, file=recording.source))
     logs = extraction.prepare_joint_logs(library, (recording,), processing, measured=measured, rotors=rotors)
     residuals, motion = list[estimators.Residual](), list[estimators.MotionResidual]()
@@ -541,10 +533,8 @@ def _build_samples(
     order = dict.fromkeys((*_PHYSICAL, *(one.name for one in rigid), *(one.name for one in card.friction)))
     names = [name for name in order if name in given]
     if len(names) != len(estimate.other) or len(names) != len(given):
-        text = (
-            f"joint {entry.joint!r}: beside friction {', '.join(sorted(given)) or 'nothing'} was fitted with "
-            f"{len(estimate.other)} values, of which the model has {len(names)}; identify again"
-        )
+        text = f"joint {entry.joint!r}: beside friction {', '.join(sorted(given)) or 'nothing'} was fitted "
+        text += f"with {len(estimate.other)} values, of which the model has {len(names)}; identify again"
         raise EstimateError(Notice(code="estimate.parameters", text=text))
     known = {column.name: column for column in (*logs.list_physical_columns(joint, (0,)), *rigid)}
     inertial = [k for k, name in enumerate(names) if name in known]
@@ -560,27 +550,21 @@ def _build_samples(
     samples = replace(samples, load=fitted @ np.array(estimate.other)[inertial])
     whole = np.column_stack([fitted, *(column.values for column in rigid)])
     if len(extraction.list_independent(whole)) != len(extraction.list_independent(fitted)):
-        reason = (
-            "this motion needs more of its rigid part than was fitted, as where a joint moved alone there "
-            "and moves with others here. Identify the base parameters, and friction with --known"
-        )
+        reason = "this motion needs more of its rigid part than was fitted, as where a joint moved alone "
+        reason += "there and moves with others here. Identify the base parameters, and friction with --known"
         raise _refuse(entry.joint, reason)
     names = [names[k] for k in inertial]
     if refused := [name for name, _ in estimate.refused if name in names]:
-        text = (
-            f"joint {entry.joint!r}: {', '.join(refused)} of its rigid part are not identifiable; the "
-            "prediction holds only for motions like those that were fitted; fit logs that excite more"
-        )
+        text = f"joint {entry.joint!r}: {', '.join(refused)} of its rigid part are not identifiable; the "
+        text += "prediction holds only for motions like those that were fitted; fit logs that excite more"
         return samples, (Notice(code="validate.friction-beside", text=text),)
     acting = {column.name for column in rigid if column.values.any()}
     # Base parameters that were fitted one by one hold at every pose.
     if card.size == 1 or not names or acting <= set(names):
         return samples, ()
     which = ", ".join(names) if set(names) <= set(_PHYSICAL) else f"{len(names)} columns"
-    text = (
-        f"joint {entry.joint!r}: its rigid part ({which}) was fitted jointly and holds at the poses of the "
-        "fitted logs. For others identify the base parameters, and friction with --known"
-    )
+    text = f"joint {entry.joint!r}: its rigid part ({which}) was fitted jointly and holds at the poses of "
+    text += "the fitted logs. For others identify the base parameters, and friction with --known"
     return samples, (Notice(code="validate.friction-pose", text=text),)
 
 
@@ -606,16 +590,12 @@ def _choose_rows(
         reason = "every sample is slower than processing.standstill, or at speeds that were not fitted"
         raise _refuse(entry.joint, reason)
     if refused:
-        text = (
-            f"joint {entry.joint!r}: {', '.join(refused)} are not identifiable, so the law holds only at the "
-            f"speeds that were fitted; {int(np.sum(moving & ~inside))} of {len(kept)} samples at others were "
-            "left out; fit logs with these speeds"
-        )
+        text = f"joint {entry.joint!r}: {', '.join(refused)} are not identifiable, so the law holds only at "
+        text += f"the speeds that were fitted; {int(np.sum(moving & ~inside))} of {len(kept)} samples at "
+        text += "others were left out; fit logs with these speeds"
         return kept, (Notice(code="validate.friction-refused", text=text),)
     if beyond := int(np.sum(moving & far)):
-        text = (
-            f"joint {entry.joint!r}: {beyond} of {len(kept)} samples are faster than those fitted, or in "
-            "another direction: the law is extrapolated there; fit logs with these speeds"
-        )
+        text = f"joint {entry.joint!r}: {beyond} of {len(kept)} samples are faster than those fitted, or in "
+        text += "another direction: the law is extrapolated there; fit logs with these speeds"
         return kept, (Notice(code="validate.friction-range", text=text),)
     return kept, ()

@@ -303,10 +303,8 @@ def cut_parts(rows: FrictionRows) -> tuple[list[NDArray[np.intp]], NDArray[np.in
     pieces, members = each * POLICY.parts, [np.flatnonzero(rows.run == run) for run in runs]
     parts = [part for own in members for part in np.array_split(own, pieces)]
     if count < len(parts):
-        text = (
-            f"logs with {count} samples cannot be cut into {len(parts)} parts, so no data can be held out to "
-            "choose a law. Name one with --model, or use longer logs"
-        )
+        text = f"logs with {count} samples cannot be cut into {len(parts)} parts, so no data can be held out "
+        text += "to choose a law. Name one with --model, or use longer logs"
         raise IdentifiabilityError(Notice(code="friction.too-few-rows", text=text))
     return parts, np.arange(len(parts)) // POLICY.parts
 

@@ -72,10 +72,8 @@ def build_path(samples: FrictionSamples) -> BristlePath:
     """Return the path of the samples; an IdentifiabilityError where nothing can bend."""
     position, run = samples.position, samples.run
     if position is None or run is None or not np.any(np.diff(position)):
-        text = (
-            f"joint {samples.joint!r}: no positions, or nothing moves; what bristles do is identified from "
-            "the displacement of the joint while it sticks and begins to slip"
-        )
+        text = f"joint {samples.joint!r}: no positions, or nothing moves; what bristles do is identified "
+        text += "from the displacement of the joint while it sticks and begins to slip"
         raise IdentifiabilityError(Notice(code="friction.presliding-position", text=text))
     begins = np.flatnonzero(np.diff(run, prepend=-1) != 0).tolist()
     way = np.diff(position, prepend=position[:1])
@@ -384,9 +382,8 @@ def _build_fit(problem: MemoryProblem, shape: FloatArray, tried: int) -> MemoryF
     samples, rows, found = problem.samples, problem.samples.rows, problem.fit(shape)
     law, linear = problem.law, problem.list_values(found.linear, shape)[0]
     if not linear[[entry.name for entry in law.linear].index("Fc")] > 0.0:
-        text = (
-            f"joint {samples.joint!r}: these samples show no dry friction with the hysteresis of {law.name!r}"
-        )
+        text = f"joint {samples.joint!r}: these samples show no dry friction with the hysteresis of "
+        text += f"{law.name!r}"
         raise IdentifiabilityError(Notice(code="friction.presliding-nothing", text=text))
     size, count = len(shape), len(found.linear)
     own = problem.compute_columns(shape)

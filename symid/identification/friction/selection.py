@@ -175,11 +175,9 @@ def select_memory(
         for one, loss, count in zip(fits, losses, unknowns, strict=True)
     ]
     own, plain, unit = trials[taken], trials[0], "N" if samples.prismatic else "N m"
-    verdict = (
-        f"On all samples, slow ones too, the held-out residual of {own.law} is {own.held_percent:.3g} % "
-        f"({own.held_rms:.3g} {unit} RMS); that of {plain.law}, the best law without a state, "
-        f"{plain.held_percent:.3g} %."
-    )
+    verdict = f"On all samples, slow ones too, the held-out residual of {own.law} is {own.held_percent:.3g} "
+    verdict += f"% ({own.held_rms:.3g} {unit} RMS); that of {plain.law}, the best law without a state, "
+    verdict += f"{plain.held_percent:.3g} %."
     trials.sort(key=lambda trial: trial.held_rms or math.inf)
     selection = LawSelection(trials=tuple(trials), chosen=own.law, verdict=verdict, blocks=len(parts))
     return selection, fits[taken].estimate

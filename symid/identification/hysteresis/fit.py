@@ -762,11 +762,9 @@ def invert_fit(
     low, high = record.span
     slack = _FAR * (high - low)
     if not beyond and len(x) and not (low - slack <= x.min() and x.max() <= high + slack):
-        text = (
-            f"these outputs need inputs from {x.min():.4g} to {x.max():.4g}; the fit saw {low:.4g} to "
-            f"{high:.4g}. Ask for smaller outputs, or fit a recording that reaches so far (beyond=True goes "
-            "there all the same)"
-        )
+        text = f"these outputs need inputs from {x.min():.4g} to {x.max():.4g}; the fit saw {low:.4g} to "
+        text += f"{high:.4g}. Ask for smaller outputs, or fit a recording that reaches so far (beyond=True "
+        text += "goes there all the same)"
         raise UsageError(Notice(code="usage.inverse-beyond", text=text))
     return x
 

@@ -29,6 +29,7 @@ from itertools import combinations, pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from symid import logs as log_files
 from symid.arrays import FloatArray, FrozenArrays, find_runs
 from symid.codegen import Library
 from symid.identification.judge import POLICY, numerics
@@ -39,15 +40,6 @@ from symid.identification.regression.preparation import (
     measure_bands,
     measure_moving_ends,
     prepare_states,
-)
-from symid.logs import (
-    Recording,
-    SignalParts,
-    States,
-    cut_recording,
-    estimate_density,
-    list_live,
-    mask_filtered,
 )
 from symid.robot import Processing
 
@@ -66,7 +58,7 @@ ENDS, PART = 0.5, 0.05
 """s, and part of a log, that do not count at either end, where filters extrapolate."""
 
 
-def measure_scoring_band(recordings: Sequence[Recording]) -> float:
+def measure_scoring_band(recordings: Sequence[log_files.Recording]) -> float:
     """Return twice the band in Hz that holds 99 % of the velocities' power, the median of joints and logs.
 
     The power is the integral of (2 pi f)^2 (density - floor) over frequencies at which the density of the
@@ -89,7 +81,7 @@ def measure_scoring_band(recordings: Sequence[Recording]) -> float:
 def _measure_bands(values: FloatArray, rate: float, power: int) -> FloatArray:
     """Return the band (n,) in Hz that holds 99 % of f^power density of each column, NaN for none."""
     length = min(len(values), max(64, round(4.0 * rate)))
-    frequency, density = estimate_density(values, rate, length)
+    frequency, density = log_files.estimate_density(values, rate, length)
     floor = np.median(density[frequency > 0.25 * rate], axis=0)
     found = np.full(values.shape[1], np.nan)
     for k in range(values.shape[1]):
@@ -112,7 +104,7 @@ def _measure_bands(values: FloatArray, rate: float, power: int) -> FloatArray:
     return found
 
 
-def measure_repetition(recording: Recording, band: float) -> float:
+def measure_repetition(recording: log_files.Recording, band: float) -> float:
     """Return the period in s of a motion in a `band` in Hz that repeats, 0 where it does not, twice at least.
 
     The least lag at which positions differ by less than matters: |q(t + P) - q(t)| in root mean squares over
@@ -153,7 +145,7 @@ def mask_rest(speed: FloatArray, top: float, length: int) -> NDArray[np.bool_]:
     return slow
 
 
-def mask_trembling(recordings: Sequence[Recording], units: Sequence[str]) -> NDArray[np.bool_]:
+def mask_trembling(recordings: Sequence[log_files.Recording], units: Sequence[str]) -> NDArray[np.bool_]:
     """Return the joints (n,) that turn by less than matters, beside others that move far more.
 
     What holds such a joint may be a brake or a lock, so that it rests.
@@ -165,7 +157,7 @@ def mask_trembling(recordings: Sequence[Recording], units: Sequence[str]) -> NDA
     return np.asarray(turning & (spread < POLICY.relevance * min(1.0, float(widest))))
 
 
-def balance_cutoff(recordings: Sequence[Recording]) -> float:
+def balance_cutoff(recordings: Sequence[log_files.Recording]) -> float:
     """Return the cut-off in Hz at which noise and blur of the velocities are equal, the mean of joints.
 
     Columns of friction bend where the velocity turns, and want a sharp velocity; noise in the accelerations
@@ -174,7 +166,7 @@ def balance_cutoff(recordings: Sequence[Recording]) -> float:
     found = []
     for recording in recordings:
         smooth = Processing(filter_cutoff=min(10.0, 0.4 / recording.period), filter_order=2)
-        turning = np.sqrt(SignalParts(recording, smooth).measure_accelerations())
+        turning = np.sqrt(log_files.SignalParts(recording, smooth).measure_accelerations())
         for band, rate in zip(measure_bands(recording), turning.tolist(), strict=False):
             if band.clean > 0.0:
                 power = rate * np.sqrt(3.0) / ((2.0 * np.pi) ** 2 * max(band.floor, 1e-300))
@@ -230,7 +222,7 @@ def _filter_rows(source: Source, count: int, band: float, places: NDArray[np.int
         low, high = begin - half, begin + step * (size - 1) + half + 1
         values = source(slice(max(low, 0), min(high, count)))
         rows = rows if start else np.zeros((len(places), values.shape[1]))
-        live = list_live(values)
+        live = log_files.list_live(values)
         ends = max(-low, 0), max(high - count, 0)
         padded = np.pad(values[:, live], (ends, (0, 0)), mode="reflect", reflect_type="odd")
         for place in range(0, size, together):
@@ -240,7 +232,7 @@ def _filter_rows(source: Source, count: int, band: float, places: NDArray[np.int
     return rows
 
 
-def pick_pieces(recordings: Sequence[Recording]) -> list[tuple[int, Recording]]:
+def pick_pieces(recordings: Sequence[log_files.Recording]) -> list[tuple[int, log_files.Recording]]:
     """Return each log with its number, of long ones six pieces of twenty seconds at even distances."""
     pieces = []
     for run, recording in enumerate(recordings):
@@ -251,7 +243,7 @@ def pick_pieces(recordings: Sequence[Recording]) -> list[tuple[int, Recording]]:
             pieces.append((run, recording))
             continue
         starts = np.linspace(0, count - most, POLICY.folds).astype(int).tolist()
-        pieces += [(run, cut_recording(recording, slice(start, start + most))) for start in starts]
+        pieces += [(run, log_files.cut_recording(recording, slice(start, start + most))) for start in starts]
     return pieces
 
 
@@ -296,7 +288,7 @@ class _Piece:
     matrices: tuple[FloatArray, ...]
     torques: tuple[FloatArray, ...]
     acts: NDArray[np.bool_]
-    slow: tuple[States, ...]
+    slow: tuple[log_files.States, ...]
     strides: tuple[int, ...]
     states: FloatArray
     tau: FloatArray
@@ -457,7 +449,7 @@ class CondensedLogs:
     def __init__(
         self,
         library: Library,
-        recordings: Sequence[Recording],
+        recordings: Sequence[log_files.Recording],
         processing: Processing,
         bands: Sequence[float],
         cutoff: float | None,
@@ -631,7 +623,7 @@ _KEPT = 4.0
 def _build_piece(  # noqa: PLR0917 - a log and how its rows are made
     library: Library,
     run: int,
-    recording: Recording,
+    recording: log_files.Recording,
     processing: Processing,
     bands: Sequence[float],
     cutoff: float | None,
@@ -671,7 +663,7 @@ def _build_piece(  # noqa: PLR0917 - a log and how its rows are made
     wrong = np.zeros(torques[SCORING].shape, dtype=np.bool_)
     if recording.bad is not None:
         # Within the scoring band, which decides.
-        touched = mask_filtered(recording.bad, 0.5 / (bands[SCORING] * recording.period))
+        touched = log_files.mask_filtered(recording.bad, 0.5 / (bands[SCORING] * recording.period))
         wrong = touched[drop[0] :][places]
     resting = np.isin(np.arange(library.card.size), list_resting_joints(recording))
     friction = np.array([joint.friction != "none" for joint in library.card.joints])

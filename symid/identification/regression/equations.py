@@ -60,11 +60,10 @@ def choose_windows(samples: int, period: float, length: float, pieces: int = 1) 
     intervals = 2 * round(step / (2.0 * period)) if step > 0.0 else 0
     count = (samples - 1) // intervals if intervals else 0
     if count < pieces:
-        text = (
-            f"window of {length:g} s{f' (by the overlap one every {step:g} s)' if pieces > 1 else ''}: must "
-            f"be at least two sample periods ({2 * period:g} s) and at most the log without its cut ends "
-            f"({(samples - 1) * period:g} s){'; use longer windows or less overlap' if pieces > 1 else ''}"
-        )
+        text = f"window of {length:g} s{f' (by the overlap one every {step:g} s)' if pieces > 1 else ''}: "
+        text += f"must be at least two sample periods ({2 * period:g} s) and at most the log without its cut "
+        text += f"ends ({(samples - 1) * period:g} "
+        text += f"s){'; use longer windows or less overlap' if pieces > 1 else ''}"
         raise UsageError(Notice(code="usage.window", text=text))
     return Windows(count=count, intervals=intervals, period=period)
 
@@ -506,10 +505,9 @@ def warn_of_energy(joints: int, kind: str = "energy") -> tuple[Notice, ...]:
     """Return the warning that energy or power rows of so many joints deserve."""
     if joints <= _ENERGY_LIMIT:
         return ()
-    text = (
-        f"{kind} equations sum the work of all joints: with more than {_ENERGY_LIMIT} joints (here {joints}) "
-        "small parameters of the last links are lost in noise. Use torque or momentum equations"
-    )
+    text = f"{kind} equations sum the work of all joints: with more than {_ENERGY_LIMIT} joints (here "
+    text += f"{joints}) small parameters of the last links are lost in noise. Use torque or momentum "
+    text += "equations"
     return (Notice(code="identify.energy-rank", text=text),)
 
 

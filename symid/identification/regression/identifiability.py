@@ -67,8 +67,7 @@ def extend_triangle(triangle: FloatArray, blocks: Iterable[FloatArray]) -> Float
     upper = triangle[triangle.any(axis=1)]
     for block in blocks:
         live = block.any(axis=0) | upper.any(axis=0)
-        stacked = np.vstack([upper[:, live], block[:, live]])
-        reduced = compute_triangle(stacked)
+        reduced = compute_triangle(np.vstack([upper[:, live], block[:, live]]))
         upper = np.zeros((len(reduced), size))
         upper[:, live] = reduced
     full = np.zeros((size, size))
@@ -253,10 +252,8 @@ def analyse_identifiability(rows: Rows, rule: RankRule | None = None) -> Identif
     """Return which parameters are identifiable from `rows`; an IdentifiabilityError for too few."""
     rule = rule or RankRule()
     if not len(rows.values):
-        text = (
-            "this log gives no equation: wherever it is not cut off, its joints rest or are slower than "
-            "processing.standstill. Record a longer log, or leave out less"
-        )
+        text = "this log gives no equation: wherever it is not cut off, its joints rest or are slower than "
+        text += "processing.standstill. Record a longer log, or leave out less"
         raise IdentifiabilityError(Notice(code="identify.no-rows", text=text), *rows.notices)
     found = analyse_condensed(condense_rows(rows), rows.kind, rows.names, rule)
     check_identifiable_share(found, rows.names, rule.least, rows.notices)
@@ -273,11 +270,9 @@ def check_identifiable_share(
     count = int(found.identifiable.sum())
     if count >= least * len(names):
         return
-    text = (
-        f"only {count} of {len(names)} parameters are identifiable from these logs. Record a motion in which "
-        "every joint accelerates on its own and turns both ways (`symid excite` makes one), add logs, or fit "
-        "what is identifiable with --partial"
-    )
+    text = f"only {count} of {len(names)} parameters are identifiable from these logs. Record a motion in "
+    text += "which every joint accelerates on its own and turns both ways (`symid excite` makes one), add "
+    text += "logs, or fit what is identifiable with --partial"
     # One line for a reason, however many parameters share it.
     shared: dict[str, list[str]] = {}
     for name, reason in found.refused:
@@ -298,10 +293,8 @@ def analyse_condensed(
     if not np.any(condensed.factors[:, :, :-1]):
         raise _refuse_all()
     if count <= parameters:
-        text = (
-            f"{count} {kind} equations are too few for {parameters} parameters and their uncertainty: use a "
-            "longer log, a shorter window, less decimation, or torque equations"
-        )
+        text = f"{count} {kind} equations are too few for {parameters} parameters and their uncertainty: use "
+        text += "a longer log, a shorter window, less decimation, or torque equations"
         raise IdentifiabilityError(Notice(code="identify.too-few-rows", text=text))
     if not np.any(condensed.factors[:, :, -1]):
         text = "the measured torque is zero throughout: check the torque column of the log and its factor"

@@ -104,10 +104,9 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
     # Clocks drift.
     if max(periods) - min(periods) > POLICY.relevance * min(periods):
         listed = ", ".join(f"{one.source or 'a log'} every {1e3 * one.period:.4g} ms" for one in recordings)
-        text = (
-            f"the logs have different sample periods ({listed}), so no common cut-off and decimation can be "
-            "chosen: state filter_cutoff and decimation under [processing], or resample the logs to one rate"
-        )
+        text = f"the logs have different sample periods ({listed}), so no common cut-off and decimation can "
+        text += "be chosen: state filter_cutoff and decimation under [processing], or resample the logs to "
+        text += "one rate"
         raise LogError(Notice(code="identify.mixed-periods", text=text))
     rate = 1.0 / recordings[0].period
     clean = [0.0] * recordings[0].position.shape[1]
@@ -124,13 +123,11 @@ def choose_filters(processing: Processing, recordings: Sequence[Recording]) -> F
     chosen = logs.choose_processing(processing, recordings[0].period, rate / factor)
     noisy = factor > usual.decimation.factor
     bands = ", ".join(f"{limit:.3g}" if limit else "-" for limit in clean)
-    text = (
-        f"filter chosen from the logs: positions pass a low-pass at {chosen.filter_cutoff:g} Hz, and one "
-        f"sample in {factor} is kept (band up to {whole / factor:.3g} Hz, limited by the "
-        f"{'noise' if noisy else 'rate'}; noise is below {100.0 * POLICY.relevance:g} % of the "
-        f"accelerations up to {bands} Hz, joint by joint). To set them, state filter_cutoff and decimation "
-        "under [processing]"
-    )
+    text = f"filter chosen from the logs: positions pass a low-pass at {chosen.filter_cutoff:g} Hz, and one "
+    text += f"sample in {factor} is kept (band up to {whole / factor:.3g} Hz, limited by the "
+    text += f"{'noise' if noisy else 'rate'}; noise is below {100.0 * POLICY.relevance:g} % of the "
+    text += f"accelerations up to {bands} Hz, joint by joint). To set them, state filter_cutoff and "
+    text += "decimation under [processing]"
     return FilterChoice(chosen, (Notice(code="identify.automatic", text=text),))
 
 
@@ -285,11 +282,10 @@ def warn_of_load_gain(gain: LoadGain | None) -> tuple[Notice, ...]:
     """Return a warning where a measured load fits the torque of the motor with another factor."""
     if gain is None or gain.verdict is not Agreement.DIFFERENT:
         return ()
-    text = (
-        f"{gain.value:.4g} +- {gain.deviation:.2g} times the measured load explains the torque of the motor "
-        "best, where 1 is expected; friction absorbs the difference. Check the factors of [log.load] and "
-        "[log.torque], torque constants and gear ratios, and whether friction depends on the load"
-    )
+    text = f"{gain.value:.4g} +- {gain.deviation:.2g} times the measured load explains the torque of the "
+    text += "motor best, where 1 is expected; friction absorbs the difference. Check the factors of "
+    text += "[log.load] and [log.torque], torque constants and gear ratios, and whether friction depends on "
+    text += "the load"
     return (Notice(code="friction.load-gain", text=text),)
 
 
@@ -306,10 +302,8 @@ def get_payload(library: Library, recording: Recording) -> FloatArray | None:
         return None
     load = np.array(recording.run.load)
     if len(load) != len(library.card.beta):
-        text = (
-            f"the payload is given for {len(load)} base parameters, the model has {len(library.card.beta)}: "
-            "read the run with the robot that is identified"
-        )
+        text = f"the payload is given for {len(load)} base parameters, the model has "
+        text += f"{len(library.card.beta)}: read the run with the robot that is identified"
         raise LogError(Notice(code="log.payload-model", text=text, file=recording.source))
     return load
 
@@ -349,10 +343,8 @@ def _check_motion(library: Library, recording: Recording) -> tuple[int, ...]:
     check_joints(library, (recording,))
     resting = list_resting_joints(recording)
     if len(resting) == library.card.size:
-        text = (
-            "no joint moves in this log beyond the noise of its encoder: record a log in which every joint "
-            "accelerates and turns both ways"
-        )
+        text = "no joint moves in this log beyond the noise of its encoder: record a log in which every "
+        text += "joint accelerates and turns both ways"
         notice = Notice(code="identify.standstill", text=text, file=recording.source)
         raise IdentifiabilityError(notice)
     return resting
@@ -439,10 +431,8 @@ def _describe_slow(  # noqa: PLR0917 - parts of a sentence
 
 
 def _describe_rest(name: str) -> Notice:
-    text = (
-        f"joint {name!r} does not move in this log: dry friction or a brake may hold any torque, so its "
-        "samples were left out"
-    )
+    text = f"joint {name!r} does not move in this log: dry friction or a brake may hold any torque, so its "
+    text += "samples were left out"
     return Notice(code=JOINT_AT_REST, text=text)
 
 

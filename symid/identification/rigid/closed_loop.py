@@ -114,10 +114,8 @@ def list_unusable(recording: Recording, controller: Controller | None = None) ->
     """Return why a controller, any if none is given, cannot be simulated along a recording."""
     texts = []
     if recording.reference is None:
-        texts.append(
-            "this estimator simulates the controller, and the log has no reference position: log it as "
-            "q_ref, or name its columns in [log.reference]"
-        )
+        text = "this estimator simulates the controller, and the log has no reference position: log it as "
+        texts.append(f"{text}q_ref, or name its columns in [log.reference]")
     for name in ("reference", "reference_velocity", "feedforward"):
         values: FloatArray | None = getattr(recording, name)
         if values is not None and not np.all(np.isfinite(values)):
@@ -134,19 +132,15 @@ def list_unusable(recording: Recording, controller: Controller | None = None) ->
         strange = np.setdiff1d(np.flatnonzero(away**2 > POLICY.fall * moved**2), resting).tolist()
         if strange:
             listed = ", ".join(f"{j + 1} ({away[j]:.3g} against {moved[j]:.3g})" for j in strange)
-            texts.append(
-                "the difference of reference and measured position varies more than the position itself "
-                f"(standard deviations in rad or m) at joint {listed}: check unit, factor, sign and side of "
-                "[log.reference], and that it belongs to this run"
-            )
+            text = "the difference of reference and measured position varies more than the position itself "
+            text += f"(standard deviations in rad or m) at joint {listed}: check unit, factor, sign and side "
+            texts.append(f"{text}of [log.reference], and that it belongs to this run")
         length = len(recording.time) * recording.period
         settling = 0.0 if controller is None else compute_settling(controller)
         if controller is not None and settling + 2.0 * recording.period >= length:
-            texts.append(
-                f"the log, {length:.3g} s long, is shorter than the settling time of the loop, "
-                f"{settling:.3g} s ({_FORGOTTEN:g} times damping / stiffness): check the gains of "
-                "[controller], or record longer"
-            )
+            text = f"the log, {length:.3g} s long, is shorter than the settling time of the loop, "
+            text += f"{settling:.3g} s ({_FORGOTTEN:g} times damping / stiffness): check the gains of "
+            texts.append(f"{text}[controller], or record longer")
     return tuple(Notice(code="usage.controlled-robot", text=text, file=recording.source) for text in texts)
 
 
@@ -206,10 +200,8 @@ def simulate_closed_loop(
     log = simulate_rigid_plant(valued, RigidPlant(valued), order)
     if log.end == "away":
         seconds = recording.time[len(log.q) - 1] - recording.time[0]
-        text = (
-            f"the simulated robot left its reference after {seconds:.3g} s: the gains are not those of "
-            "the controller, or the initial parameters are far off"
-        )
+        text = f"the simulated robot left its reference after {seconds:.3g} s: the gains are not those of "
+        text += "the controller, or the initial parameters are far off"
         raise SolverError(Notice(code="solver.runaway", text=text, file=recording.source))
     return Signals(
         time=recording.time,
@@ -286,10 +278,8 @@ def _iterate(problem: ClosedLoopProblem, start: Mapping[str, float], solve: Solv
         notices = [notice for notice in error.notices if notice.code in _OF_VALUES]
         if not notices:
             raise
-        text = (
-            f"the initial parameters cannot be simulated: {notices[0].text}. Begin with others (--start), "
-            "such as those of --estimator consistent"
-        )
+        text = f"the initial parameters cannot be simulated: {notices[0].text}. Begin with others (--start), "
+        text += "such as those of --estimator consistent"
         raise SolverError(Notice(code="solver.start", text=text)) from error
     changes: list[float] = []
     while True:
@@ -310,10 +300,8 @@ def _iterate(problem: ClosedLoopProblem, start: Mapping[str, float], solve: Solv
         if share * changes[-1] < POLICY.relevance:
             break
         if len(changes) == numerics.ROUNDS:
-            text = (
-                f"not converged: after {len(changes)} simulations parameters still change by "
-                f"{changes[-1]:.2g} standard deviations. Check the controller, or record more excitation"
-            )
+            text = f"not converged: after {len(changes)} simulations parameters still change by "
+            text += f"{changes[-1]:.2g} standard deviations. Check the controller, or record more excitation"
             raise SolverError(Notice(code="solver.controlled-robot", text=text))
         # Half of the step, and again, where it leads to no robot.
         while True:
@@ -324,11 +312,9 @@ def _iterate(problem: ClosedLoopProblem, start: Mapping[str, float], solve: Solv
                 share *= 0.5
                 if share * changes[-1] >= POLICY.relevance:
                     continue
-                text = (
-                    f"the parameters that explain the torque cannot be simulated: {error.notices[0].text}. "
-                    "Check gains, torque limits and reference, record more excitation, or add the missing "
-                    "term to the model"
-                )
+                text = "the parameters that explain the torque cannot be simulated: "
+                text += f"{error.notices[0].text}. Check gains, torque limits and reference, record more "
+                text += "excitation, or add the missing term to the model"
                 raise SolverError(Notice(code="solver.controlled-robot", text=text)) from error
         values = values + share * step
     apart: list[FloatArray] = []
@@ -384,13 +370,11 @@ def fit_output_error(problem: ClosedLoopProblem, start: Mapping[str, float]) -> 
         try:
             identifiability = regression.analyse_identifiability(shifted, problem.rule)
         except IdentifiabilityError as error:
-            text = (
-                "the simulated robot does not move enough: the reference of the log hardly moves, or the "
-                "simulated robot does not follow it. Check q_ref, its unit and [controller]"
-            )
+            text = "the simulated robot does not move enough: the reference of the log hardly moves, or the "
+            text += "simulated robot does not follow it. Check q_ref, its unit and [controller]"
             blind = Notice(code="identify.blind-simulation", text=text)
             raise IdentifiabilityError(blind, *error.notices) from error
-        fit = estimators.fit_rows("wls", shifted, identifiability, processing.noise_freedom)
+        fit = estimators.fit_wls(shifted, identifiability, processing.noise_freedom)
         return ClosedLoopFit(fit=fit, identifiability=identifiability, rows=rows, simulated=rows)
 
     return _iterate(problem, start, solve)
@@ -579,17 +563,13 @@ def check_closed_loop(robot: Robot, recordings: Sequence[Recording]) -> Controll
     texts = []
     if any(robot.elastic):
         names = ", ".join(joint.name for joint, gives in zip(robot.axes, robot.elastic, strict=True) if gives)
-        texts.append(
-            f"this estimator simulates rigid robots, and {robot.name!r} has elastic joints ({names}): use "
-            "another estimator"
-        )
+        text = f"this estimator simulates rigid robots, and {robot.name!r} has elastic joints ({names})"
+        texts.append(f"{text}: use another estimator")
     refuse_passive_joints(robot, "this estimator simulates a controller of all joints: use another estimator")
     if robot.controller is None:
-        texts.append(
-            f"this estimator simulates the controller, and the file of {robot.name!r} states none: add "
-            "[controller] with stiffness = [...] (N m/rad) and damping = [...] (N m s/rad), on the joint "
-            "side, or --set controller.stiffness=... --set controller.damping=..."
-        )
+        text = f"this estimator simulates the controller, and the file of {robot.name!r} states none: add "
+        text += "[controller] with stiffness = [...] (N m/rad) and damping = [...] (N m s/rad), on the joint "
+        texts.append(f"{text}side, or --set controller.stiffness=... --set controller.damping=...")
     problems += [Notice(code="usage.controlled-robot", text=text, file=robot.path) for text in texts]
     if problems or robot.controller is None:
         raise UsageError(*problems)

@@ -16,6 +16,7 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,7 +62,7 @@ def identify_parameters(
     window: float | None = None,
     overlap: float = 0.0,
     rule: regression.RankRule | None = None,
-    options: estimators.EstimatorOptions | None = None,
+    options: Mapping[str, Any] | None = None,
     weights: Sequence[float] | None = None,
     echo: Mapping[str, object] | None = None,
     largest: float = numerics.LARGEST,
@@ -79,7 +80,7 @@ def identify_parameters(
         window: s, length of the windows of momentum, filtered and energy rows; None for the default.
         overlap: part of a window that the next one shares, of momentum and energy rows.
         rule: when a parameter counts as not identifiable.
-        options: of the estimator.
+        options: of the estimator, see `ESTIMATORS`.
         weights: of each recording's squared residuals; one if None.
         echo: further settings to keep with the result, such as the log's columns.
         plan: settings and estimator, where they were chosen before.
@@ -116,9 +117,8 @@ def identify_parameters(
                 raise
             # Instruments that were chosen fail where a joint is explained to the last bit.
             usual = "wls" if library.card.size > 1 else "ols"
-            text = (
-                f"the instruments do not determine all parameters, so that the estimator is {usual} instead"
-            )
+            text = f"the instruments do not determine all parameters, so that the estimator is {usual} "
+            text += "instead"
             note = Notice(code="identify.automatic", text=text)
             used = replace(used, instrument_cutoff=None)
             plan = replace(plan, processing=used, estimator=usual, notices=(*plan.notices, note))
@@ -182,7 +182,7 @@ def fit_in_memory(
     plan: FitPlan,
     *,
     rule: regression.RankRule,
-    options: estimators.EstimatorOptions | None = None,
+    options: Mapping[str, Any] | None = None,
     weights: Sequence[float] | None = None,
 ) -> FittedRows:
     """Return the fit of recordings whose equations are all in memory; `weights` as for `stack_rows`."""
@@ -209,7 +209,7 @@ def fit_in_memory(
     freedom = used.noise_freedom
     if instruments is None:
         identifiability = regression.analyse_identifiability(built, rule)
-        fit = estimators.fit_rows(plan.estimator, built, identifiability, freedom, options)
+        fit = estimators.ESTIMATORS[plan.estimator](built, identifiability, freedom, **(options or {}))
         influence = estimators.measure_influence(built, identifiability.basis, fit.weights, fit.residuals)
     else:
         instruments = regression.select_rows(instruments, kept)
@@ -233,7 +233,7 @@ def fit_in_memory(
         fit = replace(fit, covariance=covariance)
     else:
         # Other estimators keep their covariance, each deviation times what colour adds to that of wls.
-        plain = estimators.fit_rows("wls", built, identifiability)
+        plain = estimators.fit_wls(built, identifiability)
         influence = estimators.measure_influence(built, identifiability.basis, plain.weights, plain.residuals)
         coloured = np.diag(estimators.compute_coloured_covariance(built, influence))
         white = np.diag(plain.covariance)
@@ -270,10 +270,8 @@ def mask_resting_rows(
             length = max(2, round(1.0 / (scoring * period)))
             rest[part] = regression.mask_rest(speed[part], top, length)
         if rest[own].any():
-            text = (
-                f"joint {rows.group_names[group]!r}: at {int(rest[own].sum())} of {int(own.sum())} samples "
-                "it rests, where stiction holds any torque; they were left out of the fit"
-            )
+            text = f"joint {rows.group_names[group]!r}: at {int(rest[own].sum())} of {int(own.sum())} "
+            text += "samples it rests, where stiction holds any torque; they were left out of the fit"
             notices.append(Notice(code="identify.slow-rows", text=text))
     return rest, tuple(notices)
 

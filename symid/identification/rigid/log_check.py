@@ -195,10 +195,8 @@ def check_channels(log: StudiedLog, library: Library, robot: Robot) -> LogCheck:
     notices = tuple(diagnostics.describe_proportion(*pair, file) for pair in evidence.in_proportion)
     if len(found) == 1:
         (cause,) = found
-        text = (
-            f"{cause.cause}: corrected, the held-out residual falls from {cause.before:.3g} % to "
-            f"{cause.after:.3g} %; {cause.remedy}"
-        )
+        text = f"{cause.cause}: corrected, the held-out residual falls from {cause.before:.3g} % to "
+        text += f"{cause.after:.3g} %; {cause.remedy}"
         notices += (Notice(code=cause.code, text=text, file=file),)
     elif found:
         text = "; or ".join(entry.cause for entry in found)
@@ -213,10 +211,8 @@ def check_channels(log: StudiedLog, library: Library, robot: Robot) -> LogCheck:
             if worst.mass >= _HEAVIEST
             else 'check for the motor side (side = "motor"), and for kN m stated in place of N m'
         )
-        text = (
-            f"the torque of joint {robot.axes[worst.joint].name!r} corresponds to a moving mass of "
-            f"{worst.mass:.2g} kg, which is not plausible; {guess}"
-        )
+        text = f"the torque of joint {robot.axes[worst.joint].name!r} corresponds to a moving mass of "
+        text += f"{worst.mass:.2g} kg, which is not plausible; {guess}"
         notices += (Notice(code="log.torque-size", text=text, file=file),)
     # Also beside others: a URDF without friction, whose efforts are currents.
     if not {"log.torque-size", "log.wrong-unit"} & {notice.code for notice in notices}:
@@ -226,12 +222,10 @@ def check_channels(log: StudiedLog, library: Library, robot: Robot) -> LogCheck:
         delay = estimate_torque_delay(log)
         if delay.late:
             side = "after" if delay.delay > 0.0 else "before"
-            text = (
-                f"the torque is logged {1e3 * abs(delay.delay):.3g} ms {side} the motion (standard deviation "
-                f"{1e3 * delay.std:.2g} ms, {abs(delay.delay) / delay.period:.3g} samples), which biases "
-                "friction and inertia; shift one of the channels, or filter far below the inverse of the "
-                "delay"
-            )
+            text = f"the torque is logged {1e3 * abs(delay.delay):.3g} ms {side} the motion (standard "
+            text += f"deviation {1e3 * delay.std:.2g} ms, {abs(delay.delay) / delay.period:.3g} samples), "
+            text += "which biases friction and inertia; shift one of the channels, or filter far below the "
+            text += "inverse of the delay"
             notices = (Notice(code="log.torque-delay", text=text, file=file),)
     return LogCheck(source=file, signs=signs, causes=found, delay=delay, notices=notices)
 
@@ -323,25 +317,19 @@ def describe_excitation(found: LogExcitation) -> tuple[Notice, ...]:
     refused = [f"{entry.name}: {entry.reason}" for entry in found.parameters if entry.verdict == "refused"]
     if refused:
         more = f"; and {len(refused) - _SHOWN} more" if len(refused) > _SHOWN else ""
-        text = (
-            f"{len(refused)} of {len(found.parameters)} parameters are not identifiable by themselves from "
-            f"these logs ({'; '.join(refused[:_SHOWN])}{more}). Accelerate every joint on its own; `symid "
-            "excite` makes such motions"
-        )
+        text = f"{len(refused)} of {len(found.parameters)} parameters are not identifiable by themselves "
+        text += f"from these logs ({'; '.join(refused[:_SHOWN])}{more}). Accelerate every joint on its own; "
+        text += "`symid excite` makes such motions"
         notices.append(("log.not-excited", text))
     faint = found.list_names(NOT_IDENTIFIABLE)
     if faint:
-        text = (
-            f"{len(faint)} parameters are not identifiable, with an expected standard deviation above "
-            f"{_POOR:g} % of the value ({shorten_names(faint, _SHOWN)}). "
-            "Use faster or longer motions, or leave them out"
-        )
+        text = f"{len(faint)} parameters are not identifiable, with an expected standard deviation above "
+        text += f"{_POOR:g} % of the value ({shorten_names(faint, _SHOWN)}). "
+        text += "Use faster or longer motions, or leave them out"
         notices.append(("log.faint-parameters", text))
     if found.condition > _LARGE_CONDITION:
-        text = (
-            f"the condition number is {found.condition:.3g}: noise in hardly excited combinations of "
-            "parameters is amplified. Use a motion made by `symid excite`"
-        )
+        text = f"the condition number is {found.condition:.3g}: noise in hardly excited combinations of "
+        text += "parameters is amplified. Use a motion made by `symid excite`"
         notices.append(("log.condition", text))
     return tuple(Notice(code=code, text=text) for code, text in notices)
 
@@ -418,10 +406,8 @@ def check_robot_logs(
         notices.append(note)
     checked = LogsCheck(logs=tuple(found), copy=copy, notices=tuple(notices))
     if any(robot.elastic):
-        text = (
-            "elastic joints: signs, order and excitation are checked for rigid joints only; `symid identify` "
-            "lists what is not identifiable"
-        )
+        text = "elastic joints: signs, order and excitation are checked for rigid joints only; `symid "
+        text += "identify` lists what is not identifiable"
         return replace(checked, notices=(*notices, Notice(code="check.elastic", text=text)))
     library = prepare()
     progress("analysing the motion")
@@ -442,17 +428,14 @@ def check_robot_logs(
     excitation = analyse_excitation(library, study, moving)
     if excitation.empty:
         reason = "; ".join(f"{entry.name}: {entry.reason}" for entry in excitation.parameters[:8])
-        text = (
-            f"no parameter is identifiable from these logs ({reason}): record logs in which joints accelerate"
-        )
+        text = f"no parameter is identifiable from these logs ({reason}): record logs in which joints "
+        text += "accelerate"
         errors = (Notice(code="check.nothing", text=text),)
     elif excitation.poor:
         count, whole = len(excitation.list_names("refused")), len(excitation.parameters)
-        text = (
-            f"only {whole - count} of {whole} parameters are identifiable from these logs, for the reasons "
-            "in the table. Record a log in which every joint accelerates on its own, add logs, or fit what "
-            "is identifiable with `symid identify --partial`"
-        )
+        text = f"only {whole - count} of {whole} parameters are identifiable from these logs, for the "
+        text += "reasons in the table. Record a log in which every joint accelerates on its own, add logs, "
+        text += "or fit what is identifiable with `symid identify --partial`"
         errors = (Notice(code="check.poor", text=text),)
     notices += (notice for check in checks for notice in check.notices)
     notices += (*reasons, *describe_excitation(excitation), *library.notices)

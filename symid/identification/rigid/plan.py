@@ -1,6 +1,6 @@
 """The plan of a fit: options of a call checked, and what they leave open settled from the logs.
 
-Options, robot -> checked options, `EstimatorOptions`. Library, recordings, Processing, options -> `FitPlan`.
+Options, robot -> checked options, those of the estimator. Library, recordings, options -> `FitPlan`.
 
     rows        one sample in r = 0.4 rate / band, so that decimation passes what lies within the band
     cut-off     at which noise and blur of the velocities are equal
@@ -14,6 +14,7 @@ Not supported: a choice for power and energy rows, and for logs with fewer rows 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -65,10 +66,8 @@ def plan_fit(
         usual = FILTERED_INSTRUMENTAL
     wanted = estimator or usual
     if not processing.left_open and wanted == FILTERED_INSTRUMENTAL and processing.instrument_cutoff is None:
-        text = (
-            f"--estimator {FILTERED_INSTRUMENTAL} needs the cut-off of its instruments where it is not "
-            "chosen from the log; state it in Hz, as --set processing.instrument_cutoff=3"
-        )
+        text = f"--estimator {FILTERED_INSTRUMENTAL} needs the cut-off of its instruments where it is not "
+        text += "chosen from the log; state it in Hz, as --set processing.instrument_cutoff=3"
         raise UsageError(Notice(code="usage.no-instruments", text=text))
     spans = [entry.time[-1] - entry.time[0] for entry in recordings]
     count = 2.0 * judge.POLICY.row_band / recordings[0].period * library.card.size * sum(spans)
@@ -114,11 +113,9 @@ def plan_fit(
     )
     if estimator is None:
         estimator = FILTERED_INSTRUMENTAL if settled.instrument_cutoff else usual
-    text = (
-        f"chosen from the logs among {len(study.choice.candidates)} settings: one sample in "
-        f"{settled.decimation.factor}, positions pass a low-pass at {settled.filter_cutoff:g} Hz, estimator "
-        f"{estimator}"
-    )
+    text = f"chosen from the logs among {len(study.choice.candidates)} settings: one sample in "
+    text += f"{settled.decimation.factor}, positions pass a low-pass at {settled.filter_cutoff:g} Hz, "
+    text += f"estimator {estimator}"
     if taken.instruments:
         text += f" with instruments along positions that pass {settled.instrument_cutoff:g} Hz"
     if taken.states != "position":
@@ -130,10 +127,8 @@ def plan_fit(
     ]
     if slow and "standstill" in processing.left_open:
         text += f", samples slower than these speeds left out: {', '.join(slow)}"
-    text += (
-        f". Held-out residual below {study.choice.scoring:.3g} Hz: {taken.held_out:.3g} % of the torque. To "
-        "set them, state them under [processing]"
-    )
+    text += f". Held-out residual below {study.choice.scoring:.3g} Hz: {taken.held_out:.3g} % of the torque. "
+    text += "To set them, state them under [processing]"
     note = Notice(code="identify.automatic", text=text)
     plan = FitPlan(
         processing=settled, estimator=estimator, study=study, scoring=study.choice.scoring, notices=(note,)
@@ -141,10 +136,8 @@ def plan_fit(
     if rests:
         # At rest dry friction is any torque below its level, which a law that bends near standstill would
         # follow. The filters spread it: rows within three periods of what rows pass go with slow ones.
-        text = (
-            "joints rest in these logs, where stiction holds any torque, and with these friction laws only "
-            "settings that leave out slow samples were tried"
-        )
+        text = "joints rest in these logs, where stiction holds any torque, and with these friction laws "
+        text += "only settings that leave out slow samples were tried"
         note = Notice(code="identify.automatic", text=text)
         margin = 3.0 * plan.processing.decimation.factor * recordings[0].period / PASSED
         plan = replace(plan, margin=margin, notices=(*plan.notices, note))
@@ -243,7 +236,7 @@ def build_estimator_options(
     options: RigidOptions,
     *,
     prior: estimators.Estimate | None = None,
-) -> estimators.EstimatorOptions:
+) -> dict[str, Any]:
     """Return the options of an estimator; `prior` is of the same model, None for values of the robot file."""
     if estimator == "ridge":
         known = (
@@ -251,11 +244,9 @@ def build_estimator_options(
             if prior is None
             else estimators.build_prior_of_estimate(prior, options.prior_factor or 1.0)
         )
-        return estimators.EstimatorOptions(prior=known, prior_weight=options.prior_weight)
+        return {"prior": known, "prior_weight": options.prior_weight}
     if estimator == "consistent":
-        return estimators.EstimatorOptions(bodies=estimators.build_bodies(robot))
+        return {"bodies": estimators.build_bodies(robot)}
     if estimator == "gls" and options.period:
-        return estimators.EstimatorOptions(
-            noise=estimators.estimate_period_noise(recordings, robot.processing, options.period)
-        )
-    return estimators.EstimatorOptions()
+        return {"noise": estimators.estimate_period_noise(recordings, robot.processing, options.period)}
+    return {}

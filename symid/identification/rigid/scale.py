@@ -18,7 +18,6 @@ Not supported: joints whose torque has no known part, as a vertical axis with a 
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -55,15 +54,11 @@ class JointScale:
         return differs and (abs(self.aligned) - spread > limit or (self.ratio + spread) * limit < 1.0)
 
 
-class _Doubts(NamedTuple):
-    """Torques (t, n, 10) that bodies have per standard deviation from the file: of every link, of a tool."""
+def _build_doubts(robot: Robot, states: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
+    """Return torques (t, n, 10) along q, dq and ddq (t, n) that bodies have per deviation from the file's.
 
-    links: FloatArray
-    tool: FloatArray
-
-
-def _build_doubts(robot: Robot, states: Sequence[FloatArray]) -> _Doubts:
-    """Return what bodies that differ from the file's would add along q, dq and ddq (t, n)."""
+    Of every link, and of a tool.
+    """
     bodies = {link: joint.inertial for link, joint in enumerate(robot.joints) if joint.inertial}
     links = [link for link, body in bodies.items() if body[9] > 0.0]
     columns = evaluate_torque_regressor(robot, [(link, name) for link in links for name in INERTIAL], *states)
@@ -73,10 +68,8 @@ def _build_doubts(robot: Robot, states: Sequence[FloatArray]) -> _Doubts:
     radius = np.sqrt(0.5 * (table[:, 0] + table[:, 3] + table[:, 5]) / mass)
     tool, lever = POLICY.drawing * mass.sum(), POLICY.drawing * robot.reach
     sizes = [POLICY.drawing * m * r**_POWERS for m, r in zip(mass, radius, strict=True)]
-    return _Doubts(
-        columns * np.concatenate([*sizes, np.zeros(0)]),
-        columns[:, :, -len(INERTIAL) :] * (tool * lever**_POWERS)[: columns.shape[2]],
-    )
+    last = columns[:, :, -len(INERTIAL) :] * (tool * lever**_POWERS)[: columns.shape[2]]
+    return columns * np.concatenate([*sizes, np.zeros(0)]), last
 
 
 _POWERS = np.array([len(name) - name.startswith("M") for name in INERTIAL])
@@ -166,9 +159,8 @@ def describe_scales(scales: Sequence[JointScale], file: str, code: str) -> tuple
     if not beyond:
         return ()
     listed = ", ".join(f"{entry.joint!r} {entry.ratio:.3g}" for entry in beyond)
-    text = (
-        f"the torques differ in scale from the robot file's values ({listed} times): they may be motor "
-        "currents, percent, or of the motor side, or these values are wrong; state unit and side in "
-        "[log.torque], gears and torque constants in [joint.drive], or give --units torque=A to `symid new`"
-    )
+    text = f"the torques differ in scale from the robot file's values ({listed} times): they may be motor "
+    text += "currents, percent, or of the motor side, or these values are wrong; state unit and side in "
+    text += "[log.torque], gears and torque constants in [joint.drive], or give --units torque=A to `symid "
+    text += "new`"
     return (Notice(code=code, text=text, file=file),)

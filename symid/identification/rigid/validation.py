@@ -145,12 +145,9 @@ def get_usable_window(
     if round(window / pieces / (2.0 * recording.period)) >= 1:
         return window, ()
     longer = 2.0 * recording.period * pieces
-    text = (
-        f"the windows of the fit ({window:g} s) are too short for a sample period of {recording.period:g} s: "
-        f"those of {longer:g} s have another residual than the fit; log as fast as for it"
-    )
-    notice = Notice(code="validate.longer-windows", text=text, file=recording.source)
-    return longer, (notice,)
+    text = f"the windows of the fit ({window:g} s) are too short for a sample period of {recording.period:g} "
+    text += f"s: those of {longer:g} s have another residual than the fit; log as fast as for it"
+    return longer, (Notice(code="validate.longer-windows", text=text, file=recording.source),)
 
 
 def get_fit_overlap(settings: Mapping[str, object]) -> float:

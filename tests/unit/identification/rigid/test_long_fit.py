@@ -10,8 +10,7 @@ from symid.errors import IdentifiabilityError
 from symid.identification.diagnostics.fit_warnings import compute_block_deviations
 from symid.identification.diagnostics.residual_structure import analyse_residuals
 from symid.identification.diagnostics.uncertainty import compute_mean_weights
-from symid.identification.estimators.least_squares import fit_condensed
-from symid.identification.estimators.linear_estimators import fit_rows
+from symid.identification.estimators.least_squares import fit_condensed, fit_wls
 from symid.identification.regression.equations import stack_rows
 from symid.identification.regression.identifiability import RankRule, analyse_identifiability
 from symid.identification.regression.preparation import RowBuilder, condense_recordings
@@ -99,7 +98,7 @@ def test_deviations_of_blocks(kind, freedom):
     maker = RowBuilder(kind, LIBRARY, PROCESSING, 0.04, 0.5)
     rows = stack_rows([maker.prepare(entry) for entry in recordings], (1.0, 0.3))
     seen = analyse_identifiability(rows)
-    fit = fit_rows("wls", rows, seen, freedom)
+    fit = fit_wls(rows, seen, freedom)
     long = condense_recordings(maker, recordings, (1.0, 0.3))
     sketch, weights = long.sketch(), compute_mean_weights(rows, fit)
     found = fit_condensed(long.condense(), seen.basis, weights, freedom)
