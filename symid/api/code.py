@@ -7,9 +7,6 @@ Robot -> `WrittenCode`; robot -> `CompiledModel`, with one attribute for each fu
     T, V = lib.energy(q, dq, lib.beta)          several outputs, also by name: lib.energy(...).T
     torque = lib.inverse_dynamics.bind()        for loops of one sample at a time
 
-A function is derived and compiled where it is first called, into a library of its own: who calls few of them
-does not wait for all.
-
 Supported: every function of the catalogue that the robot has.
 """
 
@@ -282,7 +279,7 @@ class CompiledModel:
         self.backend, self.notices = first.backend, first.notices
         for spec in specs:
             # Of springs without stops a step has the torque alone; the type is that of the name all the same.
-            kind = TupleFunction if _TUPLES[spec.name] else RobotFunction
+            kind = CompiledModel.__annotations__[spec.name]
             setattr(self, spec.name, kind(spec=spec, obtain=partial(prepare, spec.name)))
 
     @property
@@ -335,7 +332,3 @@ class CompiledModel:
             hint = suggest_names(name, self.functions, otherwise="there are")
             message = f"{self.card.robot!r} has no function {name!r}: {hint}"
             raise AttributeError(message)
-
-
-_TUPLES = {name: kind is TupleFunction for name, kind in CompiledModel.__annotations__.items()}
-"""Whether a function of the catalogue can have several outputs, by name."""
