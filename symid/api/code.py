@@ -13,7 +13,7 @@ Supported: every function of the catalogue that the robot has.
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import TYPE_CHECKING, cast, final
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -157,11 +157,9 @@ class _Function:
         return self.obtain().bind(self.spec.name, out=out)
 
     def _evaluate(
-        self, inputs: tuple[ArrayLike, ...], out: Sequence[FloatArray] | None, threads: int
+        self, inputs: tuple[Any, ...], out: Sequence[FloatArray] | None, threads: int
     ) -> tuple[FloatArray, ...]:
-        # The library converts and checks the inputs.
-        arrays = cast("tuple[FloatArray, ...]", inputs)
-        return self.obtain().evaluate(self.spec.name, *arrays, out=out, threads=threads)
+        return self.obtain().evaluate(self.spec.name, *inputs, out=out, threads=threads)
 
 
 @final

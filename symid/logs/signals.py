@@ -554,8 +554,7 @@ def decimate_blocks(
         away = last - len(rows[0])
         kept_rows = [part[start - away : stop - away] for part in rows]
         block = kept_rows[0] if values.ndim < 3 else np.stack(kept_rows, axis=1)
-        # Not held while the block is used.
-        del values, parts, rows, kept_rows
+        del values, parts, rows, kept_rows  # Not held while the block is used.
         yield slice(start, stop), block
 
 

@@ -392,6 +392,5 @@ def compute_coloured_covariance(rows: Rows, influence: Influence) -> FloatArray:
         step = max(1, numerics.BLOCK // groups)
         for part in (slice(start, start + step) for start in range(0, len(density), step)):
             weighted = (density[part] * double[part, None, None]) @ scores[part]
-            left, right = scores[part].reshape(-1, rank), weighted.reshape(-1, rank)
-            total += (left.conj().T @ right).real / size
+            total += (scores[part].reshape(-1, rank).conj().T @ weighted.reshape(-1, rank)).real / size
     return np.asarray(influence.left @ total @ influence.left.T)

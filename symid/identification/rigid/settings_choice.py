@@ -137,16 +137,15 @@ def choose_settings(
     classes = _choose_classes(library, logs, sums, trial.fit, moving=moving)
     fit = fit_sums(sums, classes, logs.fold)
     speeds = tuple(float(logs.limits[joint, share]) for joint, share in enumerate(classes))
-    choice = SettingsChoice(
-        scoring=bands[condensing.SCORING], candidates=tuple(candidates), taken=place, standstill=speeds
-    )
     return SettingsStudy(
         logs=logs,
         sums=sums,
         narrow=narrow,
         classes=classes,
         fit=fit,
-        choice=choice,
+        choice=SettingsChoice(
+            scoring=bands[condensing.SCORING], candidates=tuple(candidates), taken=place, standstill=speeds
+        ),
         cutoff=cutoff,
         differences=processing.differences,
     )
