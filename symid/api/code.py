@@ -10,9 +10,10 @@ Robot -> `WrittenCode`; robot -> `CompiledModel`, with one attribute for each fu
 Supported: every function of the catalogue that the robot has.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, cast, final
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cache, partial
+from typing import TYPE_CHECKING, Any, final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -124,15 +125,15 @@ class Outputs(tuple[FloatArray, ...]):  # noqa: SLOT001  every one has its own n
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class _Function:
-    """A function of a library.
+    """A function of a robot, compiled where it is first called.
 
     Attributes:
         spec: name, meaning, inputs and outputs with shapes and units.
-        library: the compiled library.
+        obtain: returns the library that has it.
     """
 
     spec: "codegen.FunctionSpec"
-    library: "codegen.Library"
+    obtain: "Callable[[], codegen.Library]"
 
     def __repr__(self) -> str:
         """Return the call in one line, with the shapes of one sample."""
@@ -153,14 +154,12 @@ class _Function:
         Raises:
             UsageError: `out` does not fit the outputs.
         """
-        return self.library.bind(self.spec.name, out=out)
+        return self.obtain().bind(self.spec.name, out=out)
 
     def _evaluate(
-        self, inputs: tuple[ArrayLike, ...], out: Sequence[FloatArray] | None, threads: int
+        self, inputs: tuple[Any, ...], out: Sequence[FloatArray] | None, threads: int
     ) -> tuple[FloatArray, ...]:
-        # The library converts and checks the inputs.
-        arrays = cast("tuple[FloatArray, ...]", inputs)
-        return self.library.evaluate(self.spec.name, *arrays, out=out, threads=threads)
+        return self.obtain().evaluate(self.spec.name, *inputs, out=out, threads=threads)
 
 
 @final
@@ -227,7 +226,10 @@ class CompiledModel:
     """Compiled functions of a robot as attributes; returned by `RobotModel.compile`.
 
     Attributes:
-        library: the library behind them; `RobotModel.library` is one without the functions for controllers.
+        card: the model: names, units, groupings and reasons of its parameters.
+        functions: names of the functions.
+        backend: what computes them: "c", "python" or "casadi".
+        notices: warnings and notes, for example that there is no compiler.
 
     Example:
         >>> import symid
@@ -266,32 +268,17 @@ class CompiledModel:
     hysteresis_inverse_step: TupleFunction
     elastic_inverse_dynamics: TupleFunction
 
-    def __init__(self, library: "codegen.Library") -> None:
-        self.library = library
-        for spec in library.card.functions:
+    def __init__(self, robot: "robots.Robot", prepare: "Callable[[str], codegen.Library]") -> None:
+        prepare = cache(prepare)
+        # One function shows what computes them all, or why nothing can.
+        first = prepare("forward_kinematics")
+        specs = codegen.list_robot_specs(robot, first.card)
+        self.card, self.functions = replace(first.card, functions=specs), tuple(spec.name for spec in specs)
+        self.backend, self.notices = first.backend, first.notices
+        for spec in specs:
             # Of springs without stops a step has the torque alone; the type is that of the name all the same.
-            kind = TupleFunction if _TUPLES[spec.name] else RobotFunction
-            setattr(self, spec.name, kind(spec=spec, library=library))
-
-    @property
-    def card(self) -> "codegen.ModelCard":
-        """Return the model: names, units, groupings and reasons of its parameters."""
-        return self.library.card
-
-    @property
-    def functions(self) -> tuple[str, ...]:
-        """Return the names of the functions."""
-        return tuple(spec.name for spec in self.card.functions)
-
-    @property
-    def backend(self) -> str:
-        """Return what computes the functions: "c", "python" or "casadi"."""
-        return self.library.backend
-
-    @property
-    def notices(self) -> tuple[Notice, ...]:
-        """Return warnings and notes, for example that there is no compiler."""
-        return self.library.notices
+            kind = CompiledModel.__annotations__[spec.name]
+            setattr(self, spec.name, kind(spec=spec, obtain=partial(prepare, spec.name)))
 
     @property
     def beta(self) -> FloatArray:
@@ -336,12 +323,8 @@ class CompiledModel:
 
         def __getattr__(self, name: str) -> object:
             """Refuse an unknown function, with the nearest names."""
-            if name.startswith("_") or "library" not in self.__dict__:
+            if name.startswith("_") or "card" not in self.__dict__:
                 raise AttributeError(name)
             hint = robots.suggest_names(name, self.functions, otherwise="there are")
             message = f"{self.card.robot!r} has no function {name!r}: {hint}"
             raise AttributeError(message)
-
-
-_TUPLES = {name: kind is TupleFunction for name, kind in CompiledModel.__annotations__.items()}
-"""Whether a function of the catalogue can have several outputs, by name."""

@@ -808,7 +808,7 @@ class RobotDynamics:
             raise UsageError(Notice(code="usage.unknown-function", text=text))
 
     def compile(self, *, fused: bool = False) -> CompiledModel:
-        """Return all functions of the robot, compiled and loaded by its `backend`, as attributes.
+        """Return all functions of the robot as attributes, each compiled by its `backend` where it is called.
 
         Args:
             fused: let the C compiler make one instruction (FMA) of a product and a sum, which saves about a
@@ -818,8 +818,8 @@ class RobotDynamics:
             RobotError: a symbolic length has no value.
             GenerationError: there is no compiler and the backend is "c", or it fails.
         """
-        fast = self._prepare(self.description, fused=True, whole=True) if fused else self._whole_library
-        return CompiledModel(fast)
+        robot = self.description
+        return CompiledModel(robot, lambda name: self._prepare(robot, names=(name,), fused=fused))
 
     def write(
         self,
@@ -881,10 +881,6 @@ class RobotDynamics:
         `compile` has the derivatives, the Coriolis matrix and the regressor of Slotine and Li as well.
         """
         return self._prepare(self.description)
-
-    @cached_property
-    def _whole_library(self) -> "codegen.Library":
-        return self._prepare(self.description, whole=True)
 
     @property
     def context(self) -> "identification.TaskContext":

@@ -380,7 +380,6 @@ def compute_library_key(
     *,
     calls: str = "",
     casadi: bool = False,
-    whole: bool = True,
 ) -> str:
     """Return the signature of all that a library is made from.
 
@@ -389,7 +388,7 @@ def compute_library_key(
     """
     model = keep_dynamics(robot)
     tools = (__version__, *map(version, ("casadi", "sympy", "mpmath")))
-    built_by = (compiler or f"python {sys.version_info.major}.{sys.version_info.minor}", calls, casadi, whole)
+    built_by = (compiler or f"python {sys.version_info.major}.{sys.version_info.minor}", calls, casadi)
     # A library that was linked with a newer C library may not load with an older one.
     named = "CS_GNU_LIBC_VERSION" in getattr(os, "confstr_names", ())
     machine = (platform.system(), platform.machine(), os.confstr("CS_GNU_LIBC_VERSION") if named else "")
@@ -406,7 +405,6 @@ def prepare_library(
     compiler: str | None = None,
     backend: str = "auto",
     fused: bool = False,
-    whole: bool = False,
 ) -> Library:
     """Return the robot's library; derive, generate and compile it if it is not in the cache.
 
@@ -420,7 +418,6 @@ def prepare_library(
         backend: what computes the functions: "c"; "python" for NumPy; "casadi" for the C of CasADi, or its
             virtual machine where there is no compiler; "auto" for C, or NumPy where there is no compiler.
             A notice names the fallback.
-        whole: where `names` are not stated, include all functions, those for controllers too.
         fused: let the C compiler round a product and a sum once, see `allow_fusing`; a library of its own.
 
     Raises:
@@ -431,11 +428,11 @@ def prepare_library(
     """
     check_choice("backend", backend, BACKENDS)
     casadi, report = backend == "casadi", progress or (lambda _: None)
-    whole, prefix = whole or names is not None, build_library_prefix(robot.name)
+    prefix, without = build_library_prefix(robot.name), FOR_CONTROLLERS if names is None else ()
 
     def obtain(compiler: Compiler | None, *notices: Notice) -> Library:
         calls = "" if casadi else choose_call_path().name
-        key = compute_library_key(robot, names, compiler, calls=calls, casadi=casadi, whole=whole)
+        key = compute_library_key(robot, names, compiler, calls=calls, casadi=casadi)
 
         def make(folder: Path) -> None:
             # Imported here: a library that is found needs neither CasADi nor SymPy.
@@ -444,7 +441,7 @@ def prepare_library(
             from symid.codegen.casadi_functions import build_functions
 
             report(f"deriving the dynamics of {robot.name}")
-            functions = build_functions(robot, names=names, without=() if whole else FOR_CONTROLLERS)
+            functions = build_functions(robot, names=names, without=without)
             flags: tuple[str, ...] = ()
             if casadi:
                 report("writing CasADi functions and their C")

@@ -193,6 +193,11 @@ class ModelCard:
         return tuple(entry is not None for entry in self.elasticity) or (False,) * self.size
 
     @property
+    def count(self) -> int:
+        """Return the number of inertial parameters."""
+        return len(self.beta)
+
+    @property
     def size(self) -> int:
         """Return the number of coordinates."""
         return len(self.joints)
@@ -535,7 +540,7 @@ def list_bristles(robot: Robot) -> tuple[tuple[int, int], ...]:
 
 
 def list_robot_specs(
-    robot: Robot, base: "dynamics.BaseParameters", names: Collection[str] | None = None
+    robot: Robot, base: "dynamics.BaseParameters | ModelCard", names: Collection[str] | None = None
 ) -> tuple[FunctionSpec, ...]:
     """Return the catalogue for a robot and the base or standard parameters that its functions take.
 

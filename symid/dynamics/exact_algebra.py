@@ -168,12 +168,15 @@ class ExactAlgebra(OperatorAlgebra):
             squared = {monomial: c for monomial, c in value.items() if monomial[sine] > 1}
             if not squared:
                 continue
-            value = self.ring.from_dict({monomial: c for monomial, c in value.items() if monomial[sine] <= 1})
-            complement = 1 - self.ring.gens[cosine] ** 2
+            terms = {monomial: c for monomial, c in value.items() if monomial[sine] <= 1}
             for monomial, coefficient in squared.items():
-                pairs, rest = divmod(monomial[sine], 2)
-                bare = (*monomial[:sine], rest, *monomial[sine + 1 :])
-                value += self.ring.from_dict({bare: coefficient}) * complement**pairs
+                pairs, powers = monomial[sine] // 2, list(monomial)
+                powers[sine] %= 2
+                for k in range(pairs + 1):
+                    change, place = coefficient * ((-1) ** k * math.comb(pairs, k)), tuple(powers)
+                    terms[place] = terms.get(place, self.ring.domain.zero) + change
+                    powers[cosine] += 2
+            value = self.ring.from_dict(terms)
         return value
 
 

@@ -9,8 +9,11 @@ Supported: all that the exact algebra supports, rotor inertias and springs too; 
 exact rational points.
 """
 
-from collections.abc import Mapping, Sequence
+import operator
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
+from itertools import accumulate, starmap
 
 from sympy.polys.rings import PolyElement
 
@@ -80,17 +83,16 @@ def derive_torque_columns(energy: ExactEnergy, keys: Sequence[Label]) -> Columns
     }
 
 
-def _compute_gradient(polynomial: PolyElement, point: Sequence[Number]) -> dict[int, Number]:
-    """Return all first derivatives by generators at a point, in one pass over the terms."""
+def _compute_gradient(polynomial: PolyElement, power: Callable[[int, int], Number]) -> dict[int, Number]:
+    """Return all first derivatives by generators at a point, by the `power` of each, term by term."""
     result: dict[int, Number] = {}
-    for monomial, coefficient in polynomial.items():
-        for index, exponent in enumerate(monomial):
-            if exponent:
-                value = coefficient * exponent * point[index] ** (exponent - 1)
-                for other, power in enumerate(monomial):
-                    if power and other != index:
-                        value *= point[other] ** power
-                result[index] = result.get(index, 0) + value
+    for monomial, after in polynomial.items():
+        factors = [(index, exponent) for index, exponent in enumerate(monomial) if exponent]
+        before = list(accumulate(starmap(power, factors), operator.mul, initial=power(0, 0)))
+        for (index, exponent), left in zip(reversed(factors), reversed(before[:-1]), strict=True):
+            value = left * after * (exponent * power(index, exponent - 1))
+            result[index] = result.get(index, 0) + value
+            after *= power(index, exponent)  # noqa: PLW2901
     return result
 
 
@@ -104,6 +106,7 @@ def evaluate_torque_columns(
     # Point, the time derivative of each generator, and d(generator)/dq as sparse columns.
     names = [str(symbol) for symbol in energy.algebra.ring.symbols]
     point = [values[name] for name in names]
+    power = cache(lambda index, exponent: point[index] ** exponent)
     rates = [0 * point[0]] * len(names)
     robot, convert = energy.robot, energy.algebra.ring.domain.convert
     by_coordinate: list[list[tuple[int, Number]]] = [[] for _ in robot.coordinates]
@@ -123,10 +126,10 @@ def evaluate_torque_columns(
     momenta = derive_momentum_columns(energy, keys)
     result: Columns[Number] = {}
     for key in keys:
-        slope = _compute_gradient(energy.kinetic[key] - energy.potential[key], point)
+        slope = _compute_gradient(energy.kinetic[key] - energy.potential[key], power)
         entries = []
         for k, column in enumerate(by_coordinate):
-            change = _compute_gradient(momenta[key][k], point)
+            change = _compute_gradient(momenta[key][k], power)
             entry = sum((part * rates[index] for index, part in change.items()), 0 * point[0])
             pull = (slope[index] * factor for index, factor in column if index in slope)
             entries.append(entry - sum(pull, 0 * point[0]))

@@ -553,7 +553,9 @@ def decimate_blocks(
         rows = [decimate(part, decimation, inner) for part in parts]
         away = last - len(rows[0])
         kept_rows = [part[start - away : stop - away] for part in rows]
-        yield slice(start, stop), kept_rows[0] if values.ndim < 3 else np.stack(kept_rows, axis=1)
+        block = kept_rows[0] if values.ndim < 3 else np.stack(kept_rows, axis=1)
+        del values, parts, rows, kept_rows  # Not held while the block is used.
+        yield slice(start, stop), block
 
 
 def _smooth(recording: Recording, name: str, processing: Processing, period: float) -> FloatArray:

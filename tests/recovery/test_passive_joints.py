@@ -223,7 +223,7 @@ def test_parameters_are_identified_from_the_motors_alone(case, logged):
     assert ("log.no-motor" in list_codes(answer)) == (logged == "noise")
     assert answer["result"]["verdict"]["level"] in ("good", "usable")
     assert np.isfinite(answer["result"]["mean_relative_percent"])
-    assert_values(answer, symid.load("arm.toml").compile().library.card, 0.1)
+    assert_values(answer, symid.load("arm.toml").compile().card, 0.1)
     tried = do("validate", "arm.toml", "fit.json", "log.csv")
     assert tried["result"]["mean_relative_percent"] < 10.0
 
@@ -277,7 +277,7 @@ def test_a_cart_and_its_pole(tmp_path, monkeypatch):
     np.testing.assert_allclose([*tau, *free], [pulled, -turning], rtol=1e-12)
     answer = do("identify", "cart.toml", "log.csv", "-o", "fit.json")
     assert answer["result"]["verdict"]["level"] in ("good", "usable")
-    assert_values(answer, lib.library.card, 0.1)
+    assert_values(answer, lib.card, 0.1)
 
 
 def test_what_joints_without_a_motor_cannot_do(tmp_path, monkeypatch):

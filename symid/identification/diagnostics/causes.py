@@ -479,10 +479,12 @@ def _search(
     logs: FollowedLogs, build: Callable[[float], ThinMotion], grid: FloatArray, joint: int | None = None
 ) -> float:
     """Return the size whose motion leaves least: the best of a grid, and between its neighbours."""
+    # Of fits to all rows, one block says as much as many.
+    single = np.zeros_like(logs.motion.block)
 
     def measure(size: float) -> float:
-        other = build(size)
-        squares = fit_motion(logs.evaluate(other), other, logs.fold).squares
+        other = replace(build(size), block=single)
+        squares = fit_motion(logs.evaluate(other), other, single[:1]).squares
         return float(squares.sum() if joint is None else squares[joint])
 
     found = np.array([measure(size) for size in grid.tolist()])

@@ -86,7 +86,8 @@ def fit_instruments(
     weights = iterate_weights(regression.condense_rows(rows), solve, freedom)
     values, leverage, gain, matrix, triangle, correlation = solve(weights)
     factors = weights[rows.group] * np.sqrt(rows.weight)
-    frame = (instruments.matrix @ basis) * factors[:, None]
+    frame = instruments.matrix @ basis
+    frame *= factors[:, None]
     frame = scipy.linalg.solve_triangular(triangle, frame.T, trans="T", overwrite_b=True).T
     spent, independent = regression.count_freedom(freedom, leverage, rows.independent)
     residuals = rows.values - rows.matrix @ values

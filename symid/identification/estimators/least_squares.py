@@ -384,8 +384,8 @@ def compute_coloured_covariance(rows: Rows, influence: Influence) -> FloatArray:
         # Every frequency but the first and the last stands for its negative too.
         double = np.full(len(density), 2.0)
         double[[0, -1]] = 1.0
-        for start in range(0, len(density), numerics.BLOCK):
-            part = slice(start, start + numerics.BLOCK)
+        step = max(1, numerics.BLOCK // groups)
+        for part in (slice(start, start + step) for start in range(0, len(density), step)):
             weighted = (density[part] * double[part, None, None]) @ scores[part]
-            total += np.tensordot(scores[part].conj(), weighted, axes=((0, 1), (0, 1))).real / size
+            total += (scores[part].reshape(-1, rank).conj().T @ weighted.reshape(-1, rank)).real / size
     return np.asarray(influence.left @ total @ influence.left.T)

@@ -430,7 +430,7 @@ def measure_left(sums: BandSums, values: FloatArray) -> FloatArray:
     found = []
     for live, table in zip(sums.live, sums.squares, strict=True):
         errors = np.column_stack([values[:, live], np.full(len(values), -1.0)])
-        found.append(np.einsum("bk,bckl,bl->bc", errors, table, errors, optimize=True))
+        found.append((errors[:, None, None] @ (table @ errors[:, None, :, None]))[..., 0, 0])
     return np.asarray(np.maximum(np.stack(found), 0.0))
 
 

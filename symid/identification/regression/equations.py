@@ -442,10 +442,12 @@ def build_rows(
     match kind:
         case "torque" | "momentum":
             outline = outline_part(kind, signals, processing, window, pieces)
-            matrix = np.empty((*outline.values.shape, len(card.fitted)))
+            # Joint by joint, as rows are, and read-only: it is the largest array, and is not copied.
+            matrix = np.empty((*outline.values.T.shape, len(card.fitted)))
             for places, block in cut_matrix(kind, library, signals, processing, window=window, pieces=pieces):
-                matrix[places] = block
-            part = outline._replace(matrix=matrix)
+                matrix[:, places] = block.swapaxes(0, 1)
+            matrix.setflags(write=False)
+            part = outline._replace(matrix=matrix.swapaxes(0, 1))
         case "filtered":
             part = _build_filtered_part(library, signals, window)
         case "power":
@@ -536,4 +538,6 @@ def stack_rows(parts: Sequence[Rows], weights: Sequence[float] | None = None) ->
 def select_rows(rows: Rows, keep: NDArray[np.bool_] | NDArray[np.intp]) -> Rows:
     """Return the equations for which `keep` (m,) holds, or those at its places."""
     chosen: dict[str, Any] = {name: getattr(rows, name)[keep] for name in _ARRAYS}
+    for array in chosen.values():
+        array.setflags(write=False)  # So that it is not copied once more.
     return replace(rows, **chosen)

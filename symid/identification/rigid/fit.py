@@ -218,6 +218,9 @@ def fit_in_memory(
         influence = estimators.Influence(
             left=found.gain, scores=found.frame, frame=found.frame, residuals=fit.residuals * fit.weights
         )
+    every = estimators.compute_residuals(whole, whole.values - whole.matrix @ fit.values, 0)
+    # Spectra of all equations follow, which take their memory.
+    del whole, instruments
     pattern: tuple[Notice, ...] = ()
     if builder.kind in regression.SCALAR_KINDS or freedom != "band":
         pattern = diagnostics.warn_of_correlated_residuals(built, fit, identifiability)
@@ -247,7 +250,7 @@ def fit_in_memory(
         pattern=pattern,
         samples=len(built.values),
         residual=estimators.compute_residuals(built, fit.residuals, fit.spent),
-        every=estimators.compute_residuals(whole, whole.values - whole.matrix @ fit.values, 0),
+        every=every,
     )
 
 
@@ -313,14 +316,15 @@ def fit_long(
     left = sketch.values - sketch.matrix @ fit.values
     blocks = replace(fit, residuals=left, weights=fit.weights[sketch.group])
     residuals = partial(estimators.condense_residuals, rows, values=fit.values)
+    unweighed = long.condense(weighed=False)
     return FittedRows(
         rows=rows,
         identifiability=identifiability,
         fit=fit,
         pattern=diagnostics.warn_of_correlated_residuals(sketch, blocks, identifiability),
         samples=int(long.counts.sum()),
-        residual=residuals([long.condense(weighed=False)], spent=fit.spent),
-        every=residuals([long.condense(weighed=False), long.slow], spent=0.0),
+        residual=residuals([unweighed], spent=fit.spent),
+        every=residuals([unweighed, long.slow], spent=0.0),
     )
 
 

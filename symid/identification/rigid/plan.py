@@ -145,15 +145,18 @@ def plan_fit(
 
 
 def _find_rests(recordings: Sequence[Recording]) -> bool:
-    """Return whether a joint that moves in the logs rests in a part of them."""
+    """Return whether a joint that moves in the logs rests in a part of them; one joint is in memory."""
     run = np.repeat(np.arange(len(recordings)), [len(entry.time) for entry in recordings])
     time = np.concatenate([entry.time for entry in recordings])
-    speeds = np.vstack([np.gradient(entry.position, entry.period, axis=0) for entry in recordings])
+    speeds = (
+        np.concatenate([np.gradient(entry.position[:, k], entry.period) for entry in recordings])
+        for k in range(recordings[0].position.shape[1])
+    )
     return any(
         bool(column.any())
         and np.mean(estimators.find_phases(time, column, run) == estimators.PHASES.index("rest"))
         > judge.POLICY.relevance
-        for column in speeds.T
+        for column in speeds
     )
 
 

@@ -70,11 +70,10 @@ class SettingsStudy:
 
 
 class BandTrial(NamedTuple):
-    """A pair of levels, its sums and its fit, and losses (b, n) on held-out blocks."""
+    """A pair of levels, its fit, and losses (b, n) on held-out blocks."""
 
     level: int
     smooth: int
-    sums: BandSums
     fit: BlockFit
     losses: FloatArray
 
@@ -113,7 +112,7 @@ def choose_settings(
         alike = len({recording.velocity is None for recording in recordings}) == 1
         everywhere = (name for name in STATES if all(has_states(recording, name) for recording in recordings))
         usable = [name for name in everywhere if alike or name == "position"]
-    best: tuple[CondensedLogs, BandTrial, BandSums | None] | None = None
+    best: tuple[CondensedLogs, BandTrial, BandSums, BandSums | None] | None = None
     candidates, place = list[Candidate](), 0
     for states in usable:
         logs = CondensedLogs(library, recordings, replace(processing, states=states), bands, cutoff)
@@ -124,30 +123,29 @@ def choose_settings(
             chance.p_of_all < judge.POLICY.caution
             and chance.fall_of_all > (1.0 + judge.POLICY.relevance) ** 2
         ):
-            # Rows of the band below, with the same instruments; None at the lowest.
-            level, smooth = trials[taken].level - 1, min(trials[taken].smooth, trials[taken].level - 1)
-            known = [trial.sums for trial in trials if (trial.level, trial.smooth) == (level, smooth)]
-            narrow = known[0] if known else logs.sum_products([level], smooth)[0] if level else None
-            best, place = (logs, trials[taken], narrow), len(candidates) + taken
+            # Sums of all pairs would take much memory. Rows of the band below have the same instruments.
+            level, smooth = trials[taken].level, trials[taken].smooth
+            (sums,) = logs.sum_products([level], smooth)
+            narrow = logs.sum_products([level - 1], min(smooth, level - 1))[0] if level > 1 else None
+            best, place = (logs, trials[taken], sums, narrow), len(candidates) + taken
         logs.release()
         candidates += found
     if best is None:
         raise IdentifiabilityError(Notice(code="identify.nothing", text="the logs have no states to fit"))
-    logs, trial, narrow = best
+    logs, trial, sums, narrow = best
     moving |= "standstill" not in processing.left_open
-    classes = _choose_classes(library, logs, trial, moving=moving)
-    fit = fit_sums(trial.sums, classes, logs.fold)
+    classes = _choose_classes(library, logs, sums, trial.fit, moving=moving)
+    fit = fit_sums(sums, classes, logs.fold)
     speeds = tuple(float(logs.limits[joint, share]) for joint, share in enumerate(classes))
-    choice = SettingsChoice(
-        scoring=bands[condensing.SCORING], candidates=tuple(candidates), taken=place, standstill=speeds
-    )
     return SettingsStudy(
         logs=logs,
-        sums=trial.sums,
+        sums=sums,
         narrow=narrow,
         classes=classes,
         fit=fit,
-        choice=choice,
+        choice=SettingsChoice(
+            scoring=bands[condensing.SCORING], candidates=tuple(candidates), taken=place, standstill=speeds
+        ),
         cutoff=cutoff,
         differences=processing.differences,
     )
@@ -166,7 +164,7 @@ def _fit_trials(logs: CondensedLogs, instruments: tuple[bool, ...], *, stated: b
         ]
         for level, sums in zip(levels, logs.sum_products(levels, smooth), strict=True):
             fit = fit_sums(sums, [share] * len(logs.limits), logs.fold)
-            found.append(BandTrial(level, smooth, sums, fit, logs.measure_losses(fit, share)))
+            found.append(BandTrial(level, smooth, fit, logs.measure_losses(fit, share)))
     found.sort(key=lambda trial: (trial.level, trial.smooth))
     wanted = [trial for trial in found if (trial.smooth < trial.level) in instruments]
     return wanted or found
@@ -218,7 +216,7 @@ def _choose_trial(
 
 
 def _choose_classes(
-    library: Library, logs: CondensedLogs, trial: BandTrial, *, moving: bool
+    library: Library, logs: CondensedLogs, sums: BandSums, fit: BlockFit, *, moving: bool
 ) -> tuple[int, ...]:
     """Return from which class of speed on rows of each joint are used: those of slow motion are left out.
 
@@ -228,15 +226,15 @@ def _choose_classes(
     """
     last, inertial = logs.limits.shape[1] - 1, len(library.card.beta)
     classes, grams = [last] * len(logs.limits), logs.list_grams()[:, inertial:, inertial:]
-    losses = logs.measure_losses(trial.fit)
+    losses = logs.measure_losses(fit)
     for joint, gram in enumerate(grams):
         if moving or not last:
             continue
         own = [0 if place == joint else last for place in range(len(classes))]
-        other = fit_sums(trial.sums, own, logs.fold)
+        other = fit_sums(sums, own, logs.fold)
         (found,) = judge.agree(
-            (other.values - trial.fit.values)[inertial:],
-            (other.changes - trial.fit.changes)[:, inertial:],
+            (other.values - fit.values)[inertial:],
+            (other.changes - fit.changes)[:, inertial:],
             gram[None],
             logs.torque[joint : joint + 1],
         )

@@ -1,5 +1,7 @@
 """Functions of a robot as code: compiled and called, written to a folder, as SymPy and CasADi objects."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -59,32 +61,20 @@ def test_types_of_functions_are_those_that_editors_are_told(name):
         assert told[entry] is type(getattr(lib, entry)) is (TupleFunction if several else RobotFunction)
 
 
-BENT = """
-name = "one"
-convention = "modified"
-gravity = [0, 0, -9.81]
-[[joint]]
-name = "a"
-kind = "revolute"
-[joint.friction]
-model = "dahl"
-sigma0 = 1e4
-"""
+HEAD = 'convention = "modified"\ngravity = [0, -9.81, 0]\n'
+JOINT = '[[joint]]\nname = "{}"\nkind = "revolute"\n'
+BENT = f'name = "one"\n{HEAD}{JOINT.format("a")}[joint.friction]\nmodel = "dahl"\nsigma0 = 1e4\n'
+PASSIVE = f'name = "two"\n{HEAD}{JOINT.format("a")}actuated = false\n{JOINT.format("b")}a = 0.4\n'
 
 
-PASSIVE = """
-name = "two"
-convention = "modified"
-gravity = [0, -9.81, 0]
-[[joint]]
-name = "a"
-kind = "revolute"
-actuated = false
-[[joint]]
-name = "b"
-kind = "revolute"
-a = 0.4
-"""
+def test_functions_are_made_where_they_are_called(tmp_path, monkeypatch):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    lib = symid.load("two_link", backend="python").compile()
+    for _ in range(2):
+        lib.gravity([0.1, 0.2], lib.beta)
+    manifests = (json.loads(path.read_text()) for path in tmp_path.glob("symid/*/manifest.json"))
+    made = [entry["name"] for manifest in manifests for entry in manifest["card"]["functions"]]
+    assert sorted(made) == ["forward_kinematics", "gravity"]
 
 
 def test_no_function_of_the_catalogue_is_without_a_type(robot, tmp_path):
