@@ -1,4 +1,4 @@
-"""Springs with hysteresis along whole recordings: plays, torque, inverse, work, energy, loops.
+"""Springs with hysteresis along whole recordings: plays, torque, inverse, work, energy.
 
 Torsion or torque (N,), `Elasticity` or weights and thresholds -> plays, torque, torsion, energies (N,); the
 equations are those of `hysteresis`. `memory` has the play of each stop before the first sample, None is the
@@ -12,7 +12,7 @@ virgin spring, all zero. Samples may be any distance apart, as long as the input
 The work is the change of U, plus D (Brokate and Sprekels, Hysteresis and Phase Transitions, 1996).
 
 Not supported (RobotError): unknown stiffnesses; plays whose sum does not rise; the inverse of a cubic spring,
-and its work and energy with knees. The closed-form loss of a cycle leaves knees out.
+and its work and energy with knees.
 """
 
 import math
@@ -97,13 +97,6 @@ def build_play_model(elasticity: Elasticity) -> PlayModel:
     """Return the plays of an elasticity, knees and cubic part left out: w_0 = k0 + sum k_i, w_i = -k_i."""
     plays = elements.gather_plays(_FLOATS, read_spring_terms(elasticity))
     return PlayModel(weights=plays.weights, thresholds=plays.thresholds)
-
-
-def build_stops(model: PlayModel) -> Elasticity:
-    """Return the same model as an elasticity: k_i = -w_i, k0 = w_0 + ... + w_m."""
-    pairs = zip(model.thresholds, model.weights[1:], strict=True)
-    stops = tuple(elements.Stop(threshold=threshold, stiffness=-weight) for threshold, weight in pairs)
-    return Elasticity(stiffness=sum(model.weights), stops=stops)
 
 
 def invert_play_model(
@@ -355,34 +348,3 @@ def compute_dissipation(elasticity: Elasticity, phi: FloatArray, memory: Memory 
     gaps = compute_outer_integral(terms, plays + radii) - compute_outer_integral(terms, plays - radii)
     steps = np.maximum(0.5 * np.sign(_diff(plays)) * _diff(gaps), 0.0)
     return np.cumsum(steps @ weights)
-
-
-def _compute_first_torque(elasticity: Elasticity, phi: FloatArray) -> FloatArray:
-    """Return v(A) = k0 A + sum_i k_i min(r_i, A), odd in A, without the cubic part."""
-    terms, radii, weights = _read_spring(elasticity)
-    return np.asarray(terms.stiffness * phi + np.clip(phi[..., None], -radii, radii) @ weights)
-
-
-def compute_first_curve(elasticity: Elasticity, phi: FloatArray) -> FloatArray:
-    """Return the torque of a virgin spring that is turned to `phi` without reversal."""
-    phi, terms = np.asarray(phi, dtype=np.float64), read_spring_terms(elasticity)
-    return compute_outer_torque(terms, _compute_first_torque(elasticity, phi) + elasticity.cubic * phi**3)
-
-
-def compute_branch(elasticity: Elasticity, reversal: float, phi: FloatArray) -> FloatArray:
-    """Return the torque on the way back from the first reversal: v = v(A) - 2 v((A - phi) / 2)   (Masing).
-
-    `reversal` is the torsion A at which the way of a virgin spring was reversed, rad or m, of either sign;
-    `phi` are torsions between A and -A, of any shape.
-    """
-    phi, terms = np.asarray(phi, dtype=np.float64), read_spring_terms(elasticity)
-    start = _compute_first_torque(elasticity, np.asarray(reversal, dtype=np.float64))
-    inner = start - 2.0 * _compute_first_torque(elasticity, 0.5 * (reversal - phi))
-    return compute_outer_torque(terms, inner + elasticity.cubic * phi**3)
-
-
-def compute_cycle_loss(elasticity: Elasticity, amplitude: float) -> float:
-    """Return the energy in J lost in a cycle +-A, knees left out: 4 sum_i k_i r_i max(A - r_i, 0)."""
-    _, radii, weights = _read_spring(elasticity)
-    slips = np.maximum(abs(amplitude) - radii, 0.0)
-    return float(4.0 * np.sum(weights * radii * slips))
