@@ -16,8 +16,8 @@ import symid
 from symid.joint_models import (
     compute_dissipation,
     compute_hysteresis_torque,
-    compute_stored_energy,
     invert_hysteresis,
+    run_element,
 )
 from symid.report.figures import Line, build_curve_figure, build_line_figure
 
@@ -122,7 +122,7 @@ draw(
 # %%
 way = go(0.01, -0.006, 0.009, -0.01, 0.01)
 tau = compute_hysteresis_torque(spring, way)
-stored, lost = compute_stored_energy(spring, way), compute_dissipation(spring, way)
+stored, lost = run_element(spring, way).stored, compute_dissipation(spring, way)
 work = np.concatenate([[0.0], np.cumsum(0.5 * (tau[1:] + tau[:-1]) * np.diff(way))])
 assert np.abs(work - stored - lost).max() < 1e-5 * work.max()
 assert np.all(np.diff(lost) >= 0)

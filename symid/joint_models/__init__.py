@@ -82,6 +82,7 @@ if TYPE_CHECKING:
         compute_column_derivatives as compute_column_derivatives,
         compute_columns as compute_columns,
         compute_friction_torque as compute_friction_torque,
+        compute_law_sensitivities as compute_law_sensitivities,
     )
     from symid.joint_models.hysteresis import (
         Elasticity as Elasticity,
@@ -99,19 +100,15 @@ if TYPE_CHECKING:
     )
     from symid.joint_models.prandtl_ishlinskii import (
         PlayPath as PlayPath,
-        build_play_model as build_play_model,
         compute_clamps as compute_clamps,
         compute_dissipation as compute_dissipation,
         compute_hysteresis_torque as compute_hysteresis_torque,
-        compute_play_output as compute_play_output,
         compute_plays as compute_plays,
         compute_spring_work as compute_spring_work,
         compute_stop_basis as compute_stop_basis,
-        compute_stored_energy as compute_stored_energy,
         compute_work_columns as compute_work_columns,
         find_turns as find_turns,
         invert_hysteresis as invert_hysteresis,
-        invert_play_model as invert_play_model,
     )
 else:
     from symid.lazy import load_names

@@ -212,16 +212,32 @@ def compute_friction_torque(
     return np.asarray(compute_columns(law, inputs, shape) @ np.asarray(linear, dtype=np.float64))
 
 
+_STEP = 1e-40
+
+
 def compute_column_derivatives(
     law: FrictionLaw, inputs: Mapping[str, FloatArray], shape: Sequence[float]
 ) -> FloatArray:
-    """Return the derivatives (N, p, s) of the columns by the shape values, exact."""
+    """Return the derivatives (N, p, s) of the columns by the shape values, exact.
+
+    They are imaginary parts over a small imaginary step of each value (Squire and Trapp 1998).
+    """
     size, carrier = len(law.shape), carriers.build_complex_carrier()
     result = np.zeros((len(inputs[law.inputs[0]]), len(law.linear), size))
-    for j, (moved, step) in enumerate(carriers.list_complex_steps(shape, range(size))):
+    for j in range(size):
+        step, moved = _STEP * (abs(shape[j]) or 1.0), list(map(np.complex128, shape))
+        moved[j] += 1j * step
         for k, column in enumerate(law.columns(carrier, inputs, moved)):
             result[:, k, j] = np.imag(column) / step
     return result
+
+
+def compute_law_sensitivities(
+    law: FrictionLaw, inputs: Mapping[str, FloatArray], linear: Sequence[float], shape: Sequence[float]
+) -> FloatArray:
+    """Return the derivatives (N, p + s) of the torque by linear (p,) and shape values (s,)."""
+    rates = compute_column_derivatives(law, inputs, shape)
+    return np.hstack([compute_columns(law, inputs, shape), np.einsum("nps,p->ns", rates, np.array(linear))])
 
 
 _SUM, _PRODUCT, _ATOM = range(3)

@@ -61,7 +61,7 @@ from symid.joint_models import (
 from symid.logs import Recording, describe_uneven, differentiate_smooth, low_pass, shift_channel
 from symid.robot import Processing, suggest_names
 
-_BAND = 20.0
+BAND = 20.0
 """Hz, in which arms move, and in which white noise of the torque outweighs that of encoders."""
 _ABOVE = 1.25
 """Of the cut-off of the states to that band's edge: what rows tell of must pass nearly unchanged, with most
@@ -88,12 +88,7 @@ def count_edge(period: float, cutoff: float) -> int:
 
 def choose_edge(period: float, band: float) -> float:
     """Return the edge in Hz of what rows tell of: above the `band` of the motion, as far as samples reach."""
-    return min(max(_BAND, band), POLICY.row_band / period)
-
-
-def settle_rate(options: ElasticOptions, band: float) -> ElasticOptions:
-    """Return options whose filter of rows has a rate: by the `band` of the motion in Hz if none is given."""
-    return replace(options, rate=RATE * max(1.0, band / _BAND)) if options.rate is None else options
+    return min(max(BAND, band), POLICY.row_band / period)
 
 
 def measure_motion_band(recordings: Sequence[Recording]) -> float:
@@ -588,8 +583,7 @@ def read_known(card: ModelCard, known: Mapping[str, float]) -> FloatArray:
     ]
     below = np.flatnonzero(values < list_lower_bounds(card))
     mistakes += [f"known {names[place]} {values[place]:g}: must not be negative" for place in below]
-    if mistakes:
-        raise UsageError(*(Notice(code="usage.elastic-option", text=text) for text in mistakes))
+    UsageError.refuse(mistakes, code="usage.elastic-option")
     return np.where(rigid, 0.0, values)
 
 

@@ -21,11 +21,21 @@ from symid.identification.estimators import ParameterEstimate
 from symid.identification.friction import joint_fit, searches
 from symid.identification.friction.joint_fit import FrictionEstimate, FrictionSamples, FrictionSearch
 from symid.identification.friction.presliding import fit_memory
-from symid.identification.friction.problem import SPEED_UNITS, FrictionOptions, FrictionProblem, build_problem
+from symid.identification.friction.searches import (
+    SPEED_UNITS,
+    FrictionOptions,
+    FrictionProblem,
+    build_problem,
+)
 from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
-from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_columns
+from symid.joint_models import (
+    FrictionLaw,
+    compute_column_derivatives,
+    compute_columns,
+    compute_law_sensitivities,
+)
 
 
 def list_refusals(
@@ -272,8 +282,9 @@ def build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator: 
         text = f"estimator {estimator!r}, joint {samples.joint!r}: {search.ended} ({search.outcome.value})"
         raise SolverError(Notice(code="friction.solver", text=text))
     # p + s + r rows with the lengths and angles of all columns; factors of least norm beside the law.
-    beside, count = samples.beside, len(search.linear) + len(search.shape)
-    own = joint_fit.compute_sensitivities(samples, law, search.linear, search.shape)[:, :count]
+    beside = samples.beside
+    own = compute_law_sensitivities(law, samples.inputs, search.linear, search.shape)
+    own = samples.pass_columns(own)
     inside = beside.basis.T @ own
     rest = compute_triangle(own - beside.basis @ inside)
     below = np.zeros((len(rest), beside.parts.shape[1]))

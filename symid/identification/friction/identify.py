@@ -35,7 +35,7 @@ from symid.identification.friction.estimators import DEFAULT_ESTIMATOR, check_es
 from symid.identification.friction.extraction import ExtractedJoint, JointLogs
 from symid.identification.friction.joint_fit import FrictionEstimate, FrictionSamples
 from symid.identification.friction.poses import PoseTest, compare_poses, warn_of_friction_pattern
-from symid.identification.friction.problem import FrictionOptions
+from symid.identification.friction.searches import FrictionOptions
 from symid.identification.friction.selection import (
     CANDIDATE_LAWS,
     measure_motion,

@@ -28,7 +28,7 @@ from symid.identification.friction.extraction import JointLogs, extract_joint
 from symid.identification.friction.joint_fit import FrictionEstimate, FrictionSamples
 from symid.identification.friction.selection import predict_rows
 from symid.identification.judge import POLICY, adjust_chances, numerics
-from symid.joint_models import FrictionLaw, compute_friction_torque
+from symid.joint_models import FrictionLaw, compute_friction_torque, compute_law_sensitivities
 from symid.serialization import name_key
 
 
@@ -291,7 +291,7 @@ def _measure_change(law: FrictionLaw, fits: Sequence[_PoseFit]) -> tuple[float, 
     curves, bands = [], []
     for estimate, _, covariance, _ in fits:
         linear, shape = estimate.linear, estimate.shape
-        own = joint_fit.compute_law_sensitivities(law, inputs, linear, shape)
+        own = compute_law_sensitivities(law, inputs, linear, shape)
         beside = np.zeros((len(own), len(estimate.other)))
         deviations, freedom = covariance.compute_deviations(np.hstack([own, beside]))
         bands.append(deviations * scipy.stats.t.ppf(0.975, freedom))

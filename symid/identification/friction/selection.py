@@ -30,7 +30,7 @@ from symid.identification.friction.presliding import (
     leave_out,
     simulate_presliding,
 )
-from symid.identification.friction.problem import FrictionOptions, build_problem
+from symid.identification.friction.searches import FrictionOptions, build_problem
 from symid.joint_models import FrictionLaw, get_law
 
 CANDIDATE_LAWS = (

@@ -26,7 +26,7 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.identification import regression
 from symid.identification.judge import POLICY, numerics
-from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_columns, get_law
+from symid.joint_models import FrictionLaw, compute_columns, compute_law_sensitivities, get_law
 from symid.logs import Recording, Signals
 from symid.robot import Processing
 
@@ -61,9 +61,7 @@ class TangentLaw(FrictionLaw):
 
         def compute(_carrier: object, inputs: Inputs, _shape: object) -> tuple[FloatArray, ...]:
             with np.errstate(over="ignore", under="ignore"):
-                own = compute_columns(law, inputs, about)
-                slopes = np.einsum("nps,p->ns", compute_column_derivatives(law, inputs, about), values)
-            return *own.T, *slopes.T
+                return tuple(compute_law_sensitivities(law, inputs, values, about).T)
 
         parts = {entry.name: getattr(law, entry.name) for entry in fields(FrictionLaw)}
         parts |= {"linear": (*law.linear, *law.shape), "shape": (), "columns": compute}

@@ -20,7 +20,7 @@ from symid.identification.friction.poses import (
     estimate_pattern_covariance,
     warn_of_friction_pattern,
 )
-from symid.identification.friction.problem import FrictionOptions, build_problem
+from symid.identification.friction.searches import FrictionOptions, build_problem
 from symid.ipopt import Ending
 from symid.joint_models.friction_catalogue import FRICTION_LAWS, get_law
 from symid.joint_models.friction_law import compute_columns
