@@ -11,6 +11,7 @@ Supported: every law of `friction_catalogue`; for the derivatives by vs an expon
 """
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TypeVar
 
 from symid.joint_models.carriers import Carrier, smooth
@@ -19,7 +20,6 @@ V = TypeVar("V")
 Inputs = Mapping[str, V]
 Values = Sequence[V]
 Columns = tuple[V, ...]
-Orders = tuple[int, ...]
 _GAUSSIAN = 2.0
 
 
@@ -48,21 +48,6 @@ def compute_stribeck_derivatives(
     return shape, first, second
 
 
-def compute_coulomb_columns(carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V]) -> Columns[V]:
-    """Return sign(v)."""
-    return (carrier.sign(inputs["velocity"]),)
-
-
-def compute_asymmetric_columns(carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V]) -> Columns[V]:
-    """Return velocity and sign of forward motion, then of backward motion; zero in the other one."""
-    velocity = inputs["velocity"]
-    size, sign = carrier.absolute(velocity), carrier.sign(velocity)
-    # sign^2 is |sign|: one away from standstill, zero at it.
-    pairs = ((velocity, size), (sign, carrier.absolute(sign)))
-    halves = [change(*pair) for change in (carrier.add, carrier.sub) for pair in pairs]
-    return tuple(carrier.scale(0.5, half) for half in halves)
-
-
 def _compute_decay(
     carrier: Carrier[V], size: V, shape: Values[V], exponent: float | None, *, is_positive: bool = False
 ) -> V:
@@ -77,30 +62,55 @@ def _compute_decay(
     return carrier.exp(carrier.scale(-1.0, power))
 
 
-def _compute_powers(carrier: Carrier[V], velocity: V, orders: Orders) -> Columns[V]:
-    """Return |v|^(k-1) v for each order k, by products."""
-    size, powers = carrier.absolute(velocity), [velocity]
-    for _ in range(max(orders, default=1) - 1):
-        powers.append(carrier.mul(size, powers[-1]))
-    return tuple(powers[order - 1] for order in orders)
+REFERENCE_TEMPERATURE = 40.0
+"""In degC: what friction at other temperatures is compared with."""
+_FALLS = {"Fe": "Fc", "Fep": "Fcp", "Fen": "Fcn", "Fle": "Fl"}
+"""Parameters of what falls with the speed, and of what it is like at rest."""
 
 
-def compute_stribeck_columns(
-    carrier: Carrier[V], inputs: Inputs[V], shape: Values[V], *, exponent: float | None, orders: Orders = ()
+def compute_named_columns(
+    carrier: Carrier[V],
+    inputs: Inputs[V],
+    shape: Values[V],
+    *,
+    names: Sequence[str],
+    exponent: float | None = None,
+    orders: Mapping[str, int] = MappingProxyType({}),
 ) -> Columns[V]:
-    """Return v, sign(v), exp(-|v / vs|^gamma) sign(v), |v|^(k-1) v for further orders k."""
-    velocity = inputs["velocity"]
+    """Return the columns of linear parameters, which have the same name in all laws.
+
+    Fv v, Fc sign(v), Fe exp(-|v / vs|^gamma) sign(v), Fd |v|^delta sign(v), those of `orders` k |v|^(k-1) v;
+    Fvp, Fcp, Fep in forward motion, Fvn, Fcn, Fen in backward motion; Fl, Fle as Fc, Fe times |load|; Fvt,
+    Fct as Fv, Fc times T - T0, Fvl exp(-T / TV) v.
+    """
+    velocity, one = inputs["velocity"], carrier.one
+    size = carrier.absolute(velocity) if "Fvp" in names or orders or "Fd" in names else velocity
     sign = carrier.sign(velocity)
-    fall = _compute_decay(carrier, velocity, shape, exponent)
-    return velocity, sign, carrier.mul(fall, sign), *_compute_powers(carrier, velocity, orders)
-
-
-def compute_polynomial_columns(
-    carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V], *, orders: Orders = ()
-) -> Columns[V]:
-    """Return v, sign(v), |v|^(k-1) v for further orders k."""
-    velocity = inputs["velocity"]
-    return velocity, carrier.sign(velocity), *_compute_powers(carrier, velocity, orders)
+    known = {"Fv": velocity, "Fc": sign}
+    if "Fvp" in names:
+        # sign^2 is |sign|: one away from standstill, zero at it.
+        pairs = ((velocity, size), (sign, carrier.absolute(sign)))
+        halves = [change(*pair) for change in (carrier.add, carrier.sub) for pair in pairs]
+        sides = (carrier.scale(0.5, half) for half in halves)
+        known |= dict(zip(("Fvp", "Fcp", "Fvn", "Fcn"), sides, strict=True))
+    if "Fl" in names:
+        known["Fl"] = carrier.mul(carrier.absolute(inputs["load"]), sign)
+    if not _FALLS.keys().isdisjoint(names):
+        fall = _compute_decay(carrier, velocity, shape, exponent)
+        known |= {name: carrier.mul(fall, known[rest]) for name, rest in _FALLS.items() if name in names}
+    powers = [velocity]
+    for _ in range(max(orders.values(), default=1) - 1):
+        powers.append(carrier.mul(size, powers[-1]))
+    known |= {name: powers[order - 1] for name, order in orders.items()}
+    if "Fd" in names:
+        known["Fd"] = carrier.mul(carrier.power(size, shape[0]), sign)
+    if "Fvt" in names:
+        warmer = carrier.sub(inputs["temperature"], carrier.scale(REFERENCE_TEMPERATURE, one))
+        known |= {"Fvt": carrier.mul(warmer, velocity), "Fct": carrier.mul(warmer, sign)}
+    if "Fvl" in names:
+        cold = carrier.exp(carrier.scale(-1.0, carrier.div(inputs["temperature"], shape[0])))
+        known["Fvl"] = carrier.mul(cold, velocity)
+    return tuple(known[name] for name in names)
 
 
 def compute_lorentzian_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Values[V]) -> Columns[V]:
@@ -108,18 +118,6 @@ def compute_lorentzian_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Va
     velocity = inputs["velocity"]
     sign, ratio = carrier.sign(velocity), carrier.div(velocity, shape[0])
     return velocity, sign, carrier.div(sign, carrier.add(carrier.one, carrier.mul(ratio, ratio)))
-
-
-def compute_asymmetric_stribeck_columns(
-    carrier: Carrier[V], inputs: Inputs[V], shape: Values[V], *, exponent: float | None, bumps: int
-) -> Columns[V]:
-    """Return the asymmetric columns, and the fall by sign: one for both directions, or one for each."""
-    halves = compute_asymmetric_columns(carrier, inputs, shape)
-    fall = _compute_decay(carrier, inputs["velocity"], shape, exponent)
-    if bumps == 1:
-        return *halves, carrier.mul(fall, carrier.sign(inputs["velocity"]))
-    forward, backward = carrier.mul(fall, halves[1]), carrier.mul(fall, halves[3])
-    return *halves[:2], forward, *halves[2:], backward
 
 
 def compute_improved_columns(
@@ -147,15 +145,8 @@ def compute_shifted_columns(
     """Return the Stribeck columns and the bias one; at the velocity v - dq0 where `shifted`."""
     velocity = inputs["velocity"]
     velocity = carrier.sub(velocity, shape[1]) if shifted else velocity
-    columns = compute_stribeck_columns(carrier, {"velocity": velocity}, shape, exponent=exponent)
-    return *columns, carrier.one
-
-
-def compute_power_law_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Values[V]) -> Columns[V]:
-    """Return sign(v), |v|^delta sign(v)."""
-    velocity = inputs["velocity"]
-    sign = carrier.sign(velocity)
-    return sign, carrier.mul(carrier.power(carrier.absolute(velocity), shape[0]), sign)
+    inputs, names = {"velocity": velocity}, ("Fv", "Fc", "Fe")
+    return *compute_named_columns(carrier, inputs, shape, names=names, exponent=exponent), carrier.one
 
 
 def compute_makkar_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Values[V]) -> Columns[V]:
@@ -165,47 +156,15 @@ def compute_makkar_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Values
     return carrier.sub(rise, fall), dry, velocity
 
 
-def compute_load_dependent_columns(
-    carrier: Carrier[V], inputs: Inputs[V], shape: Values[V], *, exponent: float | None, falls: bool
-) -> Columns[V]:
-    """Return v, sign(v), |load| sign(v), and the fall times both signs where friction `falls`."""
-    velocity = inputs["velocity"]
-    sign = carrier.sign(velocity)
-    loaded = carrier.mul(carrier.absolute(inputs["load"]), sign)
-    if not falls:
-        return velocity, sign, loaded
-    fall = _compute_decay(carrier, velocity, shape, exponent)
-    return velocity, sign, loaded, carrier.mul(fall, sign), carrier.mul(fall, loaded)
-
-
 def compute_position_dependent_columns(
-    carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V], *, orders: Orders, gear: float, dry: bool
+    carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V], *, turns: Sequence[float], dry: bool
 ) -> Columns[V]:
-    """Return v, sign(v), and cos, sin of k gear q for each order k, times sign(v) where friction is `dry`."""
+    """Return v, sign(v), and cos, sin of k q for k in `turns`, times sign(v) where friction is `dry`."""
     velocity, position = inputs["velocity"], inputs["position"]
     sign = carrier.sign(velocity)
     columns = [velocity, sign]
-    for order in orders:
-        angle = carrier.scale(order * gear, position)
+    for turn in turns:
+        angle = carrier.scale(turn, position)
         waves = (carrier.cos(angle), carrier.sin(angle))
         columns += [carrier.mul(wave, sign) if dry else wave for wave in waves]
     return tuple(columns)
-
-
-REFERENCE_TEMPERATURE = 40.0
-"""In degC: what friction at other temperatures is compared with."""
-
-
-def compute_temperature_columns(carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V]) -> Columns[V]:
-    """Return v, sign(v), and both times T - T0."""
-    velocity = inputs["velocity"]
-    warmer = carrier.sub(inputs["temperature"], carrier.scale(REFERENCE_TEMPERATURE, carrier.one))
-    sign = carrier.sign(velocity)
-    return velocity, sign, carrier.mul(warmer, velocity), carrier.mul(warmer, sign)
-
-
-def compute_thermal_viscous_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Values[V]) -> Columns[V]:
-    """Return v, sign(v), exp(-T / TV) v."""
-    velocity = inputs["velocity"]
-    cold = carrier.exp(carrier.scale(-1.0, carrier.div(inputs["temperature"], shape[0])))
-    return velocity, carrier.sign(velocity), carrier.mul(cold, velocity)

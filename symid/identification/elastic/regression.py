@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
 from symid.codegen import Library, ModelCard, ParameterCard, run_compiled_branch
 from symid.errors import LogError, Notice, UsageError
+from symid.identification import regression
 from symid.identification.elastic.options import RATE, ElasticOptions, check_grids
 from symid.identification.hysteresis import (
     SpringData,
@@ -42,13 +43,6 @@ from symid.identification.hysteresis import (
     refine_spring,
 )
 from symid.identification.judge import POLICY, numerics
-from symid.identification.regression import (
-    RankRule,
-    fill_load,
-    list_measured_joints,
-    list_resting_joints,
-    measure_scoring_band,
-)
 from symid.joint_models import (
     Elasticity,
     compute_hysteresis_torque,
@@ -100,7 +94,9 @@ def measure_motion_band(recordings: Sequence[Recording]) -> float:
     speeds = [np.sqrt(np.mean(np.diff(side, axis=0) ** 2, axis=0)) / part.period for part, side in sides]
     moves = [speed > MOVES * np.max(speeds) for speed in speeds]
     found = (
-        measure_scoring_band([Recording(time=part.time, position=side[:, own], torque=side[:, own])])
+        regression.measure_scoring_band(
+            [Recording(time=part.time, position=side[:, own], torque=side[:, own])]
+        )
         for (part, side), own in zip(sides, moves, strict=True)
         if np.any(own)
     )
@@ -233,7 +229,7 @@ def prepare_elastic_signals(
     # Encoders that are not round.
     link = link - _add_waves(link, effects, "link-eccentricity")
     sides = [replace(recording, position=side, motor_position=None) for side in (motor, link)]
-    resting = sorted(set.intersection(*(set(list_resting_joints(side)) for side in sides)))
+    resting = sorted(set.intersection(*(set(regression.list_resting_joints(side)) for side in sides)))
     if resting:
         motor, link = motor.copy(), link.copy()
         for side in (motor, link):
@@ -296,7 +292,7 @@ def prepare_elastic_signals(
 
 def fill_motor_loads(library: Library, logs: Sequence[Recording], beta: FloatArray) -> tuple[Recording, ...]:
     """Return logs with torques tau_J of links (p,), where friction reads them and none were measured."""
-    measured = list_measured_joints(logs)
+    measured = regression.list_measured_joints(logs)
     if "load" not in library.card.friction_inputs or all(measured):
         return tuple(logs)
     found = []
@@ -305,7 +301,7 @@ def fill_motor_loads(library: Library, logs: Sequence[Recording], beta: FloatArr
         q = pass_band(get_encoder_positions(recording)[1], period, choose_edge(period, 0.0))
         dq = differentiate_smooth(q, period)
         (load,) = library.evaluate("inverse_dynamics", q, dq, differentiate_smooth(dq, period), beta)
-        found.append(replace(recording, load=fill_load(recording.load, load, measured)))
+        found.append(replace(recording, load=regression.fill_load(recording.load, load, measured)))
     return tuple(found)
 
 
@@ -609,7 +605,7 @@ def solve_with_signs(
         found = solve_with_signs(card, np.where(free, matrix, 0.0), right - matrix @ values)
         return np.asarray(np.where(free, found, values))
     lengths = np.linalg.norm(matrix, axis=0)
-    rule = RankRule()
+    rule = regression.RankRule()
     alive: NDArray[np.bool_] = lengths > rule.zero * max(float(lengths.max(initial=0.0)), numerics.TINY)
     scales = np.where(alive, lengths, 1.0)
     triangle = compute_triangle(np.column_stack([np.where(alive, matrix, 0.0) / scales, right]))
