@@ -71,18 +71,16 @@ if TYPE_CHECKING:
         name_values as name_values,
         rename_law as rename_law,
     )
-    from symid.joint_models.friction_columns import (
-        REFERENCE_TEMPERATURE as REFERENCE_TEMPERATURE,
-        compute_stribeck_derivatives as compute_stribeck_derivatives,
-    )
     from symid.joint_models.friction_law import (
         NO_FRICTION as NO_FRICTION,
+        REFERENCE_TEMPERATURE as REFERENCE_TEMPERATURE,
         FrictionLaw as FrictionLaw,
         FrictionValues as FrictionValues,
         compute_column_derivatives as compute_column_derivatives,
         compute_columns as compute_columns,
         compute_friction_torque as compute_friction_torque,
         compute_law_sensitivities as compute_law_sensitivities,
+        compute_stribeck_derivatives as compute_stribeck_derivatives,
     )
     from symid.joint_models.hysteresis import (
         Elasticity as Elasticity,

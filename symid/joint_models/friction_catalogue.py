@@ -25,15 +25,21 @@ from typing import Any
 import numpy as np
 
 from symid.errors import Notice, UsageError
-from symid.joint_models import friction_columns as columns
 from symid.joint_models.carriers import build_float_carrier, smooth
 from symid.joint_models.friction_law import (
     NO_FRICTION,
+    REFERENCE_TEMPERATURE,
     FrictionLaw,
     FrictionValues,
     LawParameter,
     Wave,
     build_parameter,
+    compute_improved_columns,
+    compute_lorentzian_columns,
+    compute_makkar_columns,
+    compute_named_columns,
+    compute_position_dependent_columns,
+    compute_shifted_columns,
 )
 
 _ANY = -math.inf
@@ -64,17 +70,17 @@ _OTHERS: tuple[tuple[Any, ...], ...] = (
     ("fLS", "f_{LS}", "number", "static friction per torque of the load"),
     ("Fle", "F_{le}", "number", "static beyond Coulomb friction per torque of the load", _ANY),
     ("offset", r"\tau_0", "level", "constant torque: drive offset, asymmetry", _ANY),
-    ("gamma", r"\gamma", "number", "Stribeck exponent", 0.5, 4.0, 2.0),
-    ("dqs", r"\dot q_0", "speed", "velocity at which friction changes its sign", 0.0, math.inf, 0.0),
-    ("delta", r"\delta", "number", "exponent of viscous friction", 0.05, 3.0, 0.7),
+    ("gamma", r"\gamma", "number", "Stribeck exponent", 0.5, 4.0),
+    ("dqs", r"\dot q_0", "speed", "velocity at which friction changes its sign"),
+    ("delta", r"\delta", "number", "exponent of viscous friction", 0.05, 3.0),
 )
 _POSITIVE: tuple[tuple[Any, ...], ...] = (
-    ("vs", "v_s", "speed", "Stribeck velocity", 0.0, math.inf, 0.05),
-    ("dq0", r"\dot q_0", "speed", "edge of the zone around standstill", 0.0, math.inf, 0.01),
-    ("g2", r"\gamma_2", "slope", "slope of the rise at standstill", 0.0, math.inf, 100.0),
-    ("g3", r"\gamma_3", "slope", "slope of the fall after it", 0.0, math.inf, 10.0),
-    ("g5", r"\gamma_5", "slope", "slope of Coulomb friction", 0.0, math.inf, 100.0),
-    ("TV", "T_V", "kelvin", "temperature over which cold friction falls to 1/e", 0.0, math.inf, 20.0),
+    ("vs", "v_s", "speed", "Stribeck velocity"),
+    ("dq0", r"\dot q_0", "speed", "edge of the zone around standstill"),
+    ("g2", r"\gamma_2", "slope", "slope of the rise at standstill"),
+    ("g3", r"\gamma_3", "slope", "slope of the fall after it"),
+    ("g5", r"\gamma_5", "slope", "slope of Coulomb friction"),
+    ("TV", "T_V", "kelvin", "temperature over which cold friction falls to 1/e"),
 )
 
 _positive = partial(build_parameter, allowed=False)
@@ -134,7 +140,7 @@ def _get_stribeck_source(exponent: float | None) -> str:
 
 
 DEFAULT_EXPONENT = 2.0
-_WARM = f"{columns.REFERENCE_TEMPERATURE:g}"
+_WARM = f"{REFERENCE_TEMPERATURE:g}"
 _LINEAR = {f"f{end}": f"F{end.lower()}" for end, *_ in _TWINS} | {"fE": "Fe"}
 # Static levels are printed whole; their linear parameters are what they have beyond Coulomb friction.
 _BEYOND = {"fS": ("Fc", "Fe"), "fSp": ("Fcp", "Fep"), "fSn": ("Fcn", "Fen"), "fLS": ("Fl", "Fle")}
@@ -172,7 +178,7 @@ def build_law(
         shape=shape,
         physical=physical,
         mixing=tuple(tuple(int(entry in whole) for entry in names) for whole in sums),
-        **dict[str, Any](own=own, columns=partial(columns.compute_named_columns, **given)) | fields,
+        **dict[str, Any](own=own, columns=partial(compute_named_columns, **given)) | fields,
     )
 
 
@@ -250,9 +256,9 @@ def build_improved(*, reading: str = "H1", exponent: float | None = DEFAULT_EXPO
     """
     free = " gamma" if exponent is None else ""
     ending, edge, formula, texts = _READINGS[reading]
-    find = partial(columns.compute_shifted_columns, exponent=exponent, shifted=reading == "H4")
+    find = partial(compute_shifted_columns, exponent=exponent, shifted=reading == "H4")
     if reading in {"H1", "H2"}:
-        find = partial(columns.compute_improved_columns, exponent=exponent, bias_everywhere=reading == "H1")
+        find = partial(compute_improved_columns, exponent=exponent, bias_everywhere=reading == "H1")
 
     curve = f"g(v) = fC + (fS - fC) exp(-{_write_power('(|v| / vs)', exponent)}) + fV |v|"
     return build_law(
@@ -327,9 +333,7 @@ def build_position_dependent(
     return build_law(
         f"position-{'dependent' if dry else 'torque'}{ending}",
         "Fv Fc |  | fC fV",
-        columns=partial(
-            columns.compute_position_dependent_columns, turns=[k * gear for k in orders], dry=dry
-        ),
+        columns=partial(compute_position_dependent_columns, turns=[k * gear for k in orders], dry=dry),
         formula=formula,
         source="Fourier series of the motor's angle",
         passivity=passivity,
@@ -386,7 +390,7 @@ FRICTION_LAWS: dict[str, FrictionLaw] = {
         build_law(
             "lorentzian",
             "Fv Fc Fe | vs | fC fS vs fV",
-            columns=columns.compute_lorentzian_columns,
+            columns=compute_lorentzian_columns,
             formula="[fC + (fS - fC) / (1 + (dq / vs)^2)] sign(dq) + fV dq",
             source="Hess, Soom, Journal of Tribology 112 (1990) 147-152",
         ),
@@ -406,7 +410,7 @@ FRICTION_LAWS: dict[str, FrictionLaw] = {
         build_law(
             "makkar",
             "Fm Fc Fv | g2 g3 g5 | fM g2 g3 fC g5 fV",
-            columns=columns.compute_makkar_columns,
+            columns=compute_makkar_columns,
             formula="fM [tanh(g2 dq) - tanh(g3 dq)] + fC tanh(g5 dq) + fV dq",
             source="Makkar, Dixon, Sawyer, Hu, AIM 2005, 600-605",
             smoothness="Smooth in the velocity and in all parameters.",
