@@ -99,7 +99,6 @@ if TYPE_CHECKING:
     from symid.joint_models.prandtl_ishlinskii import (
         PlayPath as PlayPath,
         compute_clamps as compute_clamps,
-        compute_dissipation as compute_dissipation,
         compute_hysteresis_torque as compute_hysteresis_torque,
         compute_plays as compute_plays,
         compute_spring_work as compute_spring_work,

@@ -382,11 +382,15 @@ def compute_column_derivatives(
 
 
 def compute_law_sensitivities(
-    law: FrictionLaw, inputs: Mapping[str, FloatArray], linear: Sequence[float], shape: Sequence[float]
+    law: FrictionLaw,
+    inputs: Mapping[str, FloatArray],
+    linear: Sequence[float] | FloatArray,
+    shape: Sequence[float] | FloatArray,
 ) -> FloatArray:
     """Return the derivatives (N, p + s) of the torque by linear (p,) and shape values (s,)."""
-    rates = compute_column_derivatives(law, inputs, shape)
-    return np.hstack([compute_columns(law, inputs, shape), np.einsum("nps,p->ns", rates, np.array(linear))])
+    values = [float(value) for value in shape]
+    rates = np.einsum("nps,p->ns", compute_column_derivatives(law, inputs, values), np.array(linear))
+    return np.hstack([compute_columns(law, inputs, values), rates])
 
 
 _SUM, _PRODUCT, _ATOM = range(3)

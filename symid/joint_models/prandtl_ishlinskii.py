@@ -224,7 +224,7 @@ def compute_work_columns(phi: FloatArray, thresholds: FloatArray, memory: Memory
     plays = compute_plays(phi, thresholds, memory)
     stored = 0.5 * np.square(np.column_stack([phi, phi[:, None] - plays]))
     columns = stored - stored[:1]
-    columns[:, 1:] += thresholds * np.cumsum(np.abs(_diff(plays)), axis=0)
+    columns[:, 1:] += thresholds * np.cumsum(np.abs(np.diff(plays, axis=0, prepend=plays[:1])), axis=0)
     return columns
 
 
@@ -240,11 +240,6 @@ def compute_inverse_plays(
     return np.column_stack([value, *images]), radii, weights
 
 
-def _diff(values: FloatArray) -> FloatArray:
-    """Return the steps (N, m) of columns, the first ones zero."""
-    return np.diff(values, axis=0, prepend=values[:1])
-
-
 def compute_spring_work(elasticity: Elasticity, phi: FloatArray, memory: Memory = None) -> FloatArray:
     """Return the work (N,) in J done on the spring since the first sample, damping left out."""
     phi = np.asarray(phi, dtype=np.float64)
@@ -255,26 +250,9 @@ def compute_spring_work(elasticity: Elasticity, phi: FloatArray, memory: Memory 
         weights = np.concatenate([[terms.stiffness], weights])
         return np.asarray(columns @ weights + quartic, dtype=np.float64)
     plays, radii, weights = compute_inverse_plays(elasticity, phi, memory)
-    ways = _diff(plays)
+    ways = np.diff(plays, axis=0, prepend=plays[:1])
     # While it moves up a play trails its input by the threshold, and leads it while it moves down.
     edges = np.sign(ways) * radii
     places, sides = (plays + edges, plays - ways + edges), (terms.above, terms.below)
     ends, starts = (elements.compute_outer_integral(_ARRAYS, place, *sides) for place in places)
     return np.cumsum((ends - starts) @ weights)
-
-
-def compute_dissipation(elasticity: Elasticity, phi: FloatArray, memory: Memory = None) -> FloatArray:
-    """Return the energy D (N,) in J lost since the first sample, damping left out; it never decreases.
-
-    Without knees D = sum_i k_i r_i int |dP_i|.
-    """
-    phi = np.asarray(phi, dtype=np.float64)
-    terms, radii, weights = _read_spring(elasticity)
-    if not elasticity.knees:
-        return np.cumsum(np.abs(_diff(compute_plays(phi, radii, memory))) @ (weights * radii))
-    plays, radii, weights = compute_inverse_plays(elasticity, phi, memory)
-    sides = terms.above, terms.below
-    ends = (elements.compute_outer_integral(_ARRAYS, plays + edge, *sides) for edge in (radii, -radii))
-    gaps = np.subtract(*ends)
-    steps = np.maximum(0.5 * np.sign(_diff(plays)) * _diff(gaps), 0.0)
-    return np.cumsum(steps @ weights)

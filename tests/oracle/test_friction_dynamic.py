@@ -17,11 +17,7 @@ from benchmarks.friction_rig import (
     SpringDrive,
     simulate_friction_rig,
 )
-from symid.joint_models import (
-    advance_memory,
-    build_float_carrier,
-    is_passive,
-)
+from symid.joint_models import advance_memory, build_float_carrier, is_passive
 from tests.state_laws import (
     STATES,
     build_values,

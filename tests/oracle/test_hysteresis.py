@@ -19,7 +19,6 @@ from symid.joint_models import build_float_carrier, hysteresis, run_element
 from symid.joint_models.carriers import OperatorCarrier
 from symid.joint_models.prandtl_ishlinskii import (
     PlayPath,
-    compute_dissipation,
     compute_hysteresis_torque,
     compute_inverse_plays,
     compute_plays,
@@ -110,12 +109,13 @@ def find_radii(elasticity):
 
 
 def find_balance(elasticity, phi, memory=None):
-    """Return how far work is from energy stored and lost, work, and what is lost, which grows."""
-    work, lost = compute_spring_work(elasticity, phi, memory), compute_dissipation(elasticity, phi, memory)
+    """Return work, and what of it is not stored, which is lost: it never falls."""
+    work = compute_spring_work(elasticity, phi, memory)
     begun = np.append(0.0, np.zeros(len(elasticity.stops)) if memory is None else memory)
     stored = run_element(elasticity, phi, start=begun).stored
-    assert np.all(np.diff(lost) >= 0)
-    return np.abs(work - (stored - stored[0] + lost)).max(), work, lost
+    lost = work - (stored - stored[0])
+    assert np.diff(lost).min() >= -1e-13 * (1.0 + lost[-1])
+    return work, lost
 
 
 @st.composite
@@ -143,8 +143,7 @@ def test_v3_and_v6_for_any_spring(elasticity, seed):
     phi = np.random.default_rng(seed).uniform(-1.5, 1.5, 50)
     torque = compute_hysteresis_torque(elasticity, phi, memory=memory)
     assert_near(invert_hysteresis(elasticity, torque, memory), phi, 1e-13)
-    gap, _, lost = find_balance(elasticity, phi, memory)
-    assert gap <= 1e-12 * (1 + lost[-1])
+    find_balance(elasticity, phi, memory)
 
 
 def test_v4_the_scale_of_the_outer_function_does_not_matter():
@@ -213,9 +212,13 @@ def integrate(torque_of, inputs, fine=4000):
 def test_v6_work_is_energy_stored_and_lost(elasticity):
     radii, phi = find_radii(elasticity), wander(7, 30)
     memory = find_legal_memory(radii, 7)
-    gap, work, lost = find_balance(elasticity, phi, memory)
-    assert gap <= 1e-14
+    work, lost = find_balance(elasticity, phi, memory)
     assert lost[-1] > 0.005
+    if not elasticity.knees:
+        # Each stop loses its level times the way of its play.
+        ways = np.abs(np.diff(compute_plays(phi, radii, memory), axis=0)).sum(axis=0)
+        levels = [stop.threshold * stop.stiffness for stop in elasticity.stops]
+        assert lost[-1] == pytest.approx(ways @ levels, abs=1e-14)
     reference, _ = integrate(lambda x: compute_hysteresis_torque(elasticity, x, memory=memory), phi)
     assert_near(work, reference, 1e-6 * np.abs(work).max())
     if elasticity is SOFT:
@@ -363,7 +366,7 @@ def test_other_carriers_give_the_same(elasticity, carrier, number):
 
 def test_what_is_refused():
     cubic = hysteresis.Elasticity(stiffness=1.0, cubic=1.0, knees=HARDENING)
-    for find in (compute_spring_work, compute_dissipation, invert_hysteresis):
+    for find in (compute_spring_work, invert_hysteresis):
         with raises(RobotError, "robot.cubic-spring", match="cubic spring"):
             find(cubic, np.zeros(2))
     with raises(RobotError, "robot.unknown-stiffness", match="unknown"):

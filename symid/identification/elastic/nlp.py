@@ -255,7 +255,7 @@ class NlpSetting:
 def prepare_setting(problem: ElasticProblem, options: NlpOptions, begin: MethodFit) -> NlpSetting:
     """Return the setting of the first round; stops and knees are those of `begin` where it has some."""
     springs = begin.elasticity
-    thresholds, knees = problem.thresholds, problem.options.knee_torques
+    thresholds, knees = tuple(data.thresholds for data in problem.springs), problem.options.knee_torques
     if any(spring.stops or spring.knees for spring in springs):
         thresholds = tuple(freeze([stop.threshold for stop in spring.stops]) for spring in springs)
         knees = tuple(tuple(knee.threshold for knee in spring.knees) for spring in springs)

@@ -124,11 +124,6 @@ class KneeSteps:
         before, after = self.starts @ slopes, self.ends @ slopes
         return before[:, None] * self.basis[:-1] + after[:, None] * self.basis[1:]
 
-    def compute_cross(self, multipliers: FloatArray) -> FloatArray:
-        """Return sum_i c_i d mean_i / dk (m + 1, slots) for multipliers c (N - 1,) of the steps."""
-        before, after = multipliers[:, None] * self.starts, multipliers[:, None] * self.ends
-        return self.basis[:-1].T @ before + self.basis[1:].T @ after
-
     def compute_curvature(self, multipliers: FloatArray, slopes: FloatArray) -> FloatArray:
         """Return sum_i c_i sum_j s_j d2 mean_ij / dk2 (m + 1, m + 1)."""
         total = np.zeros((self.basis.shape[1],) * 2)
@@ -362,16 +357,6 @@ class SpringLayout:
         """Return the knees along a recording, `basis` (N, m + 1), of the unknowns x (x,)."""
         return build_knee_steps(basis, x[self.weights], list(zip(self.knees, self.slots, strict=True)))
 
-    def build_spring(self, values: FloatArray, least: float) -> joint_models.Elasticity:
-        """Return the spring of the unknowns `values` (x,); weights up to `least` N m/rad are zero."""
-        weights, changes = values[self.weights], self.compute_changes(values).tolist()
-        knees = sorted(zip(self.knees, (changes[slot] for slot in self.slots), strict=True))
-        return joint_models.Elasticity(
-            stiffness=float(weights[0]),
-            stops=build_stops(self.thresholds, weights[1:], least),
-            knees=tuple(joint_models.Knee(threshold=torque, slope=slope) for torque, slope in knees if slope),
-        )
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpringGrid:
@@ -503,8 +488,14 @@ class NlpLayout:
 
     def read_springs(self, x: FloatArray, least: FloatArray) -> tuple[joint_models.Elasticity, ...]:
         """Return the springs of the unknowns x (x,); weights up to `least` (n,) N m/rad are zero."""
-        pairs = zip(self.springs, least.tolist(), strict=True)
-        return tuple(spring.build_spring(x, limit) for spring, limit in pairs)
+        found = []
+        for spring, limit in zip(self.springs, least.tolist(), strict=True):
+            weights, changes = x[spring.weights], spring.compute_changes(x).tolist()
+            knees = sorted(zip(spring.knees, (changes[slot] for slot in spring.slots), strict=True))
+            stops = build_stops(spring.thresholds, weights[1:], limit)
+            bends = tuple(joint_models.Knee(threshold=torque, slope=bend) for torque, bend in knees if bend)
+            found.append(joint_models.Elasticity(stiffness=float(weights[0]), stops=stops, knees=bends))
+        return tuple(found)
 
 
 Places = NDArray[np.intp]
@@ -636,7 +627,9 @@ class ElasticNlpCost:
                     drags[joint] += sums.spread(rows)
             for spring, steps, pull in zip(self.layout.springs, knees, pulls, strict=True):
                 if spring.knees:
-                    cross = steps.compute_cross(pull) @ spring.changes
+                    # Of the means by weights and changes of slope.
+                    before, after = pull[:, None] * steps.starts, pull[:, None] * steps.ends
+                    cross = (steps.basis[:-1].T @ before + steps.basis[1:].T @ after) @ spring.changes
                     hessian[spring.weights, spring.slopes] += cross
                     hessian[spring.slopes, spring.weights] += cross.T
                     bend = steps.compute_curvature(pull, spring.compute_changes(x))

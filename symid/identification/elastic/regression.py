@@ -631,7 +631,7 @@ class ElasticProblem:
 
     Args:
         signals, energy, filtered: one entry a recording.
-        thresholds, springs: (m_i,) and stop basis of every joint.
+        springs: stop basis of every joint.
         supplied: (m,) J; design: (m, p + n + pf), the energy rows of all recordings.
         limits: (n,) rad/s or m/s, at and below which motors are not trusted to slide; 0 for none.
         known: (p + n + pf,) of the dynamic parameters, NaN where they are to be found.
@@ -642,7 +642,6 @@ class ElasticProblem:
     signals: tuple[ElasticSignals, ...]
     energy: tuple[EnergyWindows, ...]
     filtered: tuple[FilteredRows, ...]
-    thresholds: tuple[FloatArray, ...]
     springs: tuple[SpringData, ...]
     supplied: FloatArray
     design: FloatArray
@@ -762,7 +761,6 @@ def build_elastic_problem(
         signals=tuple(signals),
         energy=energy,
         filtered=filtered,
-        thresholds=tuple(data.thresholds for data in springs),
         springs=springs,
         supplied=freeze(np.concatenate([rows.supplied for rows in energy])),
         design=freeze(np.vstack([rows.design for rows in energy])),

@@ -62,11 +62,6 @@ class BristlePath(NamedTuple):
     begins: list[int]
     sides: tuple[int, ...]
 
-    def list_starts(self, number: int) -> "list[BristlePath]":
-        """Return the path with every side where recording `number` begins."""
-        before, after = self.sides[:number], self.sides[number + 1 :]
-        return [self._replace(sides=(*before, side, *after)) for side in (0, 1, -1)]
-
 
 def build_path(samples: FrictionSamples) -> BristlePath:
     """Return the path of the samples; an IdentifiabilityError where nothing can bend."""
@@ -263,7 +258,8 @@ class MemoryProblem:
 def _choose_starts(problem: MemoryProblem, measure: Callable[[MemoryProblem], float]) -> MemoryProblem:
     """Return the problem with the memory at the beginning of every recording that leaves least."""
     for number in range(len(problem.path.sides)):
-        paths = problem.path.list_starts(number)
+        before, after = problem.path.sides[:number], problem.path.sides[number + 1 :]
+        paths = (problem.path._replace(sides=(*before, side, *after)) for side in (0, 1, -1))
         problem = min((replace(problem, path=path) for path in paths), key=measure)
     return problem
 

@@ -539,20 +539,16 @@ def build_nlp(
         bends = (passed[:, 1 + size :].T @ errors).reshape(size, size)
         return errors, problem.eliminate(passed[:, 1 : 1 + size]), bends
 
-    def compute_value(x: FloatArray) -> float:
-        errors = compute_state(x)[0]
-        return float(errors @ errors) / scale
-
-    def compute_gradient(x: FloatArray) -> FloatArray:
-        errors, slopes, _ = compute_state(x)
-        return np.asarray(slopes.T @ errors * (2.0 / scale))
-
     def compute_hessian(x: FloatArray) -> FloatArray:
         _, slopes, bends = compute_state(x)
         return np.asarray((slopes.T @ slopes + bends) * (2.0 / scale))
 
     smooth = SmoothProblem(
-        value=compute_value, gradient=compute_gradient, hessian=compute_hessian, lower=low, upper=high
+        value=lambda x: float((errors := compute_state(x)[0]) @ errors) / scale,
+        gradient=lambda x: compute_state(x)[1].T @ compute_state(x)[0] * (2.0 / scale),
+        hessian=compute_hessian,
+        lower=low,
+        upper=high,
     )
     return smooth, calls
 

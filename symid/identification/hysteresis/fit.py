@@ -579,7 +579,8 @@ def _extend(trial: _ElementTrial, task: _Task) -> list[_ElementTrial]:
     if source is None:
         return []
     # Stops that a passive fit has placed stay springs.
-    springs = isinstance(source.family, families.Stops) and joint_models.is_passive_element(trial.elasticity)
+    plain = isinstance(source.family, families.Stops) and not source.family.far
+    springs = plain and joint_models.is_passive_element(trial.elasticity)
     possible = {"backlash": not task.passive, "relaxation": task.timed}
     task, found = replace(task, passive=task.passive or springs), []
     for part in (name for name, allowed in possible.items() if allowed and name not in source.parts):

@@ -223,11 +223,6 @@ class Motion:
             columns.append(np.where(own, regression.compute_rotor_columns(ddq, self.rotors), 0.0))
         return np.concatenate(columns, axis=2)
 
-    def speeds(self, joint: int) -> FloatArray:
-        """Return the speeds of a joint at all samples that count."""
-        found = np.abs(np.concatenate([entry.dq[:, joint] for entry in self.signals]))
-        return np.asarray(found[found >= self.slowest[joint]])
-
 
 def prepare_motion(
     library: Library,
