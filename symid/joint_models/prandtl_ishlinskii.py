@@ -228,18 +228,6 @@ def compute_work_columns(phi: FloatArray, thresholds: FloatArray, memory: Memory
     return columns
 
 
-def compute_inverse_plays(
-    elasticity: Elasticity, phi: FloatArray, memory: Memory = None
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return P'_i (N, m + 1), r'_i and w'_i (m + 1,) of phi = sum_i w'_i P'_i[v]; P'_0 = v, r'_0 = 0."""
-    model, inverse = _invert_plays(elasticity)
-    plays = compute_plays(phi, np.array(model.thresholds), memory)
-    value = model.weights[0] * phi + plays @ np.array(model.weights[1:])
-    images = elements.invert_plays_memory(_ARRAYS, model, list(plays.T))
-    weights, radii = np.array(inverse.weights), np.array((0.0, *inverse.thresholds))
-    return np.column_stack([value, *images]), radii, weights
-
-
 def compute_spring_work(elasticity: Elasticity, phi: FloatArray, memory: Memory = None) -> FloatArray:
     """Return the work (N,) in J done on the spring since the first sample, damping left out."""
     phi = np.asarray(phi, dtype=np.float64)
@@ -249,10 +237,13 @@ def compute_spring_work(elasticity: Elasticity, phi: FloatArray, memory: Memory 
         quartic = 0.25 * elasticity.cubic * (phi**4 - phi[:1] ** 4)
         weights = np.concatenate([[terms.stiffness], weights])
         return np.asarray(columns @ weights + quartic, dtype=np.float64)
-    plays, radii, weights = compute_inverse_plays(elasticity, phi, memory)
-    ways = np.diff(plays, axis=0, prepend=plays[:1])
+    # P'_0 = v, then P'_i, and r'_0 = 0.
+    (model, inverse), plays = _invert_plays(elasticity), compute_plays(phi, radii, memory)
+    value = model.weights[0] * phi + plays @ np.array(model.weights[1:])
+    images = np.column_stack([value, *elements.invert_plays_memory(_ARRAYS, model, list(plays.T))])
+    ways = np.diff(images, axis=0, prepend=images[:1])
     # While it moves up a play trails its input by the threshold, and leads it while it moves down.
-    edges = np.sign(ways) * radii
-    places, sides = (plays + edges, plays - ways + edges), (terms.above, terms.below)
+    edges = np.sign(ways) * np.array((0.0, *inverse.thresholds))
+    places, sides = (images + edges, images - ways + edges), (terms.above, terms.below)
     ends, starts = (elements.compute_outer_integral(_ARRAYS, place, *sides) for place in places)
-    return np.cumsum((ends - starts) @ weights)
+    return np.cumsum((ends - starts) @ np.array(inverse.weights))

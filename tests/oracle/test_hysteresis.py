@@ -20,7 +20,6 @@ from symid.joint_models.carriers import OperatorCarrier
 from symid.joint_models.prandtl_ishlinskii import (
     PlayPath,
     compute_hysteresis_torque,
-    compute_inverse_plays,
     compute_plays,
     compute_spring_work,
     compute_stop_basis,
@@ -360,7 +359,9 @@ def test_other_carriers_give_the_same(elasticity, carrier, number):
         assert carrier is not EXACT or torsion == Fraction(float(value))
     assert_near(compute_hysteresis_torque(elasticity, phi, memory=memory), torques, 1e-14)
     assert_near(torsions, phi, 1e-15)
-    found = compute_inverse_plays(elasticity, phi, memory)[0][-1, 1:]
+    model = hysteresis.gather_plays(FLOATS, read_spring_terms(elasticity))
+    ends = compute_plays(phi, find_radii(elasticity), memory)[-1].tolist()
+    found = hysteresis.invert_plays_memory(FLOATS, model, ends)
     assert_near(found, [float(entry) for entry in state], 1e-14)
 
 

@@ -24,7 +24,7 @@ of expressions: covariance, weights that follow residuals, expressions of SX (it
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi
 import numpy as np
@@ -189,8 +189,7 @@ def _compute_kkt(z: FloatArray, slope: FloatArray, low: FloatArray, high: FloatA
     return float(np.max(np.abs(z - np.clip(z - slope, low, high))))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NlpPlace:
+class NlpPlace(NamedTuple):
     """A stop or knee of a joint: the index of its threshold among those of the joint."""
 
     joint: int

@@ -599,14 +599,14 @@ class ElasticNlpCost:
     def compute_gradient(self, state: CostState) -> FloatArray:
         """Return df/dx (x,)."""
         gradient = np.zeros(self.layout.size)
-        for r, place, jacobian, sigma in self.list_blocks(state):
+        for r, place, jacobian, sigma in zip(*state[:3], self.sigmas, strict=True):
             gradient[place] += jacobian.T @ r / sigma**2
         return gradient / self.rows
 
     def compute_gauss_newton(self, state: CostState) -> FloatArray:
         """Return the Hessian (x, x) without second derivatives of the residuals."""
         hessian = np.zeros((self.layout.size,) * 2)
-        for _, place, jacobian, sigma in self.list_blocks(state):
+        for _, place, jacobian, sigma in zip(*state[:3], self.sigmas, strict=True):
             hessian[np.ix_(place, place)] += jacobian.T @ jacobian / sigma**2
         return hessian / self.rows
 
@@ -642,10 +642,6 @@ class ElasticNlpCost:
                 hessian[speed, speed] += x[excess] * float(drags[joint] @ rates[:, 2])
         return hessian
 
-    def list_blocks(self, state: CostState) -> Iterator[tuple[FloatArray, Places, FloatArray, float]]:
-        """Yield residual, places, Jacobian and scale of every block."""
-        return zip(state.residuals, state.places, state.jacobians, self.sigmas, strict=True)
-
     def weigh(self, residuals: Sequence[FloatArray], chi: FloatArray) -> "ElasticNlpCost":
         """Return the cost with the rms of these residuals (M_b,) of every block as its scale."""
         pairs = zip(self.blocks, residuals, strict=True)
@@ -679,7 +675,8 @@ class ElasticNlpCost:
         size = len(x) + len(places)
         curvature, scores = np.zeros((size, size)), np.zeros((len(self.recordings), STRETCHES, size))
         owners = [index for index, part in enumerate(self.recordings) for _ in part.blocks]
-        for number, (residual, known, jacobian, sigma) in enumerate(self.list_blocks(state)):
+        blocks = zip(*state[:3], self.sigmas, strict=True)
+        for number, (residual, known, jacobian, sigma) in enumerate(blocks):
             rows = np.zeros((len(residual), size))
             rows[:, known] = jacobian
             for column, slopes in enumerate(places, start=len(x)):

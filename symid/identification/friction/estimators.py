@@ -278,8 +278,8 @@ def build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator: 
         raise SolverError(Notice(code="friction.solver", text=text))
     # p + s + r rows with the lengths and angles of all columns; factors of least norm beside the law.
     beside = samples.beside
-    own = joint_models.compute_law_sensitivities(law, samples.inputs, search.linear, search.shape)
-    own = samples.pass_columns(own)
+    law_columns = joint_models.compute_law_sensitivities(law, samples.inputs, search.linear, search.shape)
+    own = samples.pass_columns(law_columns)
     inside = beside.basis.T @ own
     rest = compute_triangle(own - beside.basis @ inside)
     below = np.zeros((len(rest), beside.parts.shape[1]))

@@ -15,11 +15,12 @@ Not supported: noise whose size changes with velocity, other than over blocks.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 
-from symid.arrays import FloatArray, FrozenArrays
+from symid.arrays import FloatArray
 from symid.errors import Notice, SymidError
 from symid.identification.diagnostics import build_warning, sum_block_scores
 from symid.identification.friction import joint_fit
@@ -32,8 +33,7 @@ from symid.joint_models import FrictionLaw, compute_friction_torque, compute_law
 from symid.serialization import name_key
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PatternCovariance(FrozenArrays):
+class PatternCovariance(NamedTuple):
     """Covariances (n, n) of (linear, shape, other): white noise, blocks of rows, an autoregression.
 
     `freedom` is rows less unknowns, `block_freedom` blocks less one.

@@ -84,7 +84,7 @@ SPEED_UNITS = frozenset({"rad/s", "m/s"})
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FrictionProblem(FrozenArrays):
-    """The problem of one joint: y (M,), N m or N, and a basis (M, r) of the columns beside friction behind R.
+    """The problem of one joint: y (M,), N m or N.
 
     `low` and `high` (s,) are bounds of the shape values, equal where one is fixed.
     """
@@ -92,7 +92,6 @@ class FrictionProblem(FrozenArrays):
     samples: FrictionSamples
     law: FrictionLaw
     target: FloatArray
-    basis: FloatArray
     low: FloatArray
     high: FloatArray
 
@@ -135,7 +134,8 @@ class FrictionProblem(FrozenArrays):
 
     def eliminate(self, columns: FloatArray) -> FloatArray:
         """Return columns behind R (M, c), or one of them (M,), less their parts in those beside friction."""
-        return columns - self.basis @ (self.basis.T @ columns)
+        basis = self.samples.beside.basis
+        return columns - basis @ (basis.T @ columns)
 
 
 def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionOptions) -> FrictionProblem:
@@ -179,7 +179,7 @@ def build_problem(samples: FrictionSamples, law: FrictionLaw, options: FrictionO
         pairs.append(given.get(entry.name, (low, high)))
     ends = dict(zip(("low", "high"), np.array(pairs, dtype=np.float64).reshape(-1, 2).T, strict=True))
     target = target - basis @ (basis.T @ target)
-    return FrictionProblem(samples=samples, law=law, target=target, basis=basis, **ends)
+    return FrictionProblem(samples=samples, law=law, target=target, **ends)
 
 
 class Projection(NamedTuple):
