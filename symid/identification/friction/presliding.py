@@ -335,11 +335,8 @@ def fit_memory(samples: FrictionSamples, law: FrictionLaw) -> MemoryFit:
     Raises:
         IdentifiabilityError: no positions, nothing moves, nothing slips, or fewer rows than unknowns.
     """
-    path, count, damped = (
-        build_path(samples),
-        len(samples.rows.torque),
-        len(law.memory) > 1 and not law.elements,
-    )
+    path, count = build_path(samples), len(samples.rows.torque)
+    damped = len(law.memory) > 1 and not law.elements
     lengths, exponents = _NODES if law.elements else 1, _EXPONENTS if law.shape else _EXPONENTS[:1]
     unknowns = lengths + len(law.linear) + len(law.shape) + damped + samples.rows.extra.shape[1]
     if count <= unknowns:

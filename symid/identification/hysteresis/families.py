@@ -548,10 +548,7 @@ def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[Element
     # A branch that must not slip: its threshold is far beyond the path.
     far = float(np.max(np.abs(path.position))) / POLICY.relevance
     forms: dict[str, tuple[ElementFamily, ...]] = {
-        "prandtl-ishlinskii": (
-            *(Stops(count=count, searched=True) for count in (0, 2, 3)),
-            Stops(count=GRID),
-        ),
+        "prandtl-ishlinskii": (*(Stops(count=n, searched=True) for n in (0, 2, 3)), Stops(count=GRID)),
         "nonlinear-stops": (
             NonlinearStops(places=places, count=1),
             NonlinearStops(places=places, count=1, falling=True, needs_time=True),
