@@ -24,7 +24,7 @@ of expressions: covariance, weights that follow residuals, expressions of SX (it
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import casadi
 import numpy as np
@@ -189,7 +189,8 @@ def _compute_kkt(z: FloatArray, slope: FloatArray, low: FloatArray, high: FloatA
     return float(np.max(np.abs(z - np.clip(z - slope, low, high))))
 
 
-class NlpPlace(NamedTuple):
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NlpPlace:
     """A stop or knee of a joint: the index of its threshold among those of the joint."""
 
     joint: int
