@@ -217,8 +217,8 @@ def compute_named_columns(
     Fvp, Fcp, Fep in forward motion, Fvn, Fcn, Fen in backward motion; Fl, Fle as Fc, Fe times |load|; Fvt,
     Fct as Fv, Fc times T - T0, Fvl exp(-T / TV) v.
     """
-    velocity, one = inputs["velocity"], carrier.one
-    size = carrier.absolute(velocity) if "Fvp" in names or orders or "Fd" in names else velocity
+    velocity = inputs["velocity"]
+    size = carrier.absolute(velocity) if "Fvp" in names else velocity
     sign = carrier.sign(velocity)
     known = {"Fv": velocity, "Fc": sign}
     if "Fvp" in names:
@@ -232,14 +232,14 @@ def compute_named_columns(
     if not _FALLS.keys().isdisjoint(names):
         fall = _compute_decay(carrier, velocity, shape, exponent)
         known |= {name: carrier.mul(fall, known[rest]) for name, rest in _FALLS.items() if name in names}
-    powers = [velocity]
+    size, powers = carrier.absolute(velocity) if orders or "Fd" in names else size, [velocity]
     for _ in range(max(orders.values(), default=1) - 1):
         powers.append(carrier.mul(size, powers[-1]))
     known |= {name: powers[order - 1] for name, order in orders.items()}
     if "Fd" in names:
         known["Fd"] = carrier.mul(carrier.power(size, shape[0]), sign)
     if "Fvt" in names:
-        warmer = carrier.sub(inputs["temperature"], carrier.scale(REFERENCE_TEMPERATURE, one))
+        warmer = carrier.sub(inputs["temperature"], carrier.scale(REFERENCE_TEMPERATURE, carrier.one))
         known |= {"Fvt": carrier.mul(warmer, velocity), "Fct": carrier.mul(warmer, sign)}
     if "Fvl" in names:
         cold = carrier.exp(carrier.scale(-1.0, carrier.div(inputs["temperature"], shape[0])))
