@@ -537,7 +537,8 @@ def _build_samples(
     own = {parameter.name for parameter in get_law(estimate.law).physical}
     given = {parameter.name for parameter in estimate.extra}
     given |= {name for name, _ in estimate.refused if name not in own}
-    order = dict.fromkeys((*extraction.PHYSICAL, *(one.name for one in (*rigid, *card.friction))))
+    beside = [*(one.name for one in rigid), *(one.name for one in card.friction)]
+    order = dict.fromkeys((*extraction.PHYSICAL, *beside))
     names = [name for name in order if name in given]
     if len(names) != len(estimate.other) or len(names) != len(given):
         text = (
