@@ -155,13 +155,13 @@ class ElementFamily(ABC):
 class Stops(ElementFamily):
     """Prandtl-Ishlinskii, stops of either sign: on a grid, or where a search puts them; none is a spring.
 
-    With `far` > 0, rad or m, the spring is stiffer on one side of zero, and holds up to there.
+    With `far`, rad or m, the spring is stiffer on one side of zero, and holds up to there.
     """
 
     count: int
     name: str = "prandtl-ishlinskii"
     searched: bool = False
-    far: float = 0.0
+    far: float | None = None
 
     def describe(self) -> tuple[str, ...]:
         place = "from the data" if self.searched else "on a grid"
