@@ -250,7 +250,6 @@ def test_v7_positive_play_weights_create_energy():
         loss[sign] = work[-1] - work[-5]
         assert loss[sign] == pytest.approx(-sum(np.array(model.weights[1:]) * radii * ways), rel=1e-6)
     assert loss[1.0] < 0 < loss[-1.0]
-    # Stops of stiffness k lose 4 k r (A - r) in a cycle +-A.
     assert loss[-1.0] == pytest.approx(4.0 * np.array([0.42, 0.21]) @ (radii * (amplitude - radii)), rel=1e-6)
 
 

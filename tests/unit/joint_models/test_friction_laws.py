@@ -171,8 +171,7 @@ def test_every_law_says_what_it_is_and_pushes_nothing(law):
         assert parameter.lower < parameter.upper
     assert all(parameter.lower >= 0.0 for parameter in law.shape)
     latex = write_friction(law)
-    assert latex.count(r"\left") == latex.count(r"\right")
-    assert latex.count("{") == latex.count("}")
+    assert all(latex.count(a) == latex.count(b) for a, b in ((r"\left", r"\right"), ("{", "}")))
     assert all(parameter.latex in latex for parameter in law.physical)
     assert get_law(law.name) is law
     inputs, values = prepare(law)
