@@ -4,8 +4,6 @@ import math
 
 import numpy as np
 
-from symid.joint_models import advance_memory, build_float_carrier, convert_printed, get_law
-
 ARM = """
 name = "arm"
 convention = "modified"
@@ -93,17 +91,3 @@ def take_step(p, v, h, z):
 def count_deflections(name):
     """Return how many numbers a law remembers."""
     return len(STATES[name.removesuffix("+offset")].get("stiffness", [0.0]))
-
-
-def build_values(name, printed=None):
-    """Return the values of `advance_memory` for those of a law, or others, under the names of papers."""
-    return convert_printed(build_float_carrier(), get_law(name), printed or print_values(name))
-
-
-def move_bristles(values, velocity, way, states=None):
-    """Return friction (N,) and deflections (N, K) after each way, by `advance_memory`, straight at first."""
-    found, states = [], states or [0.0] * max(1, sum(name.startswith("stiffness") for name in values))
-    for pair in zip(velocity.tolist(), way.tolist(), strict=True):
-        torque, states = advance_memory(build_float_carrier(), values, *pair, states)
-        found.append((torque, *states))
-    return np.array(found)[:, 0], np.array(found)[:, 1:]

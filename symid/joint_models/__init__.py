@@ -22,12 +22,16 @@ if TYPE_CHECKING:
     )
     from symid.joint_models.dynamic_friction import (
         advance_memory as advance_memory,
+        build_memory_values as build_memory_values,
         convert_printed as convert_printed,
         count_states as count_states,
+        derive_equations as derive_equations,
         is_passive as is_passive,
         list_memory_values as list_memory_values,
         list_state_parameters as list_state_parameters,
         name_bristles as name_bristles,
+        simulate_dynamic_friction as simulate_dynamic_friction,
+        write_dynamic_latex as write_dynamic_latex,
     )
     from symid.joint_models.element import (
         BranchPath as BranchPath,
@@ -94,7 +98,9 @@ if TYPE_CHECKING:
         compute_outer_function as compute_outer_function,
         compute_play as compute_play,
         convert_maxwell_elements as convert_maxwell_elements,
+        convert_to_normal_form as convert_to_normal_form,
         invert_spring as invert_spring,
+        list_maxwell_elements as list_maxwell_elements,
     )
     from symid.joint_models.prandtl_ishlinskii import (
         PlayPath as PlayPath,

@@ -101,7 +101,7 @@ _ARRAYS: Mapping[str, Any] = {
 """Operators, called on entries of a tuple, write into a large array that nothing else holds; these do not."""
 
 
-def _read_functions(module: Any, *bounds: str) -> dict[str, Any]:  # noqa: ANN401 - numpy or casadi
+def _read_functions(module: Any, *bounds: str) -> dict[str, Any]:  # noqa: ANN401 - numpy, sympy or casadi
     """Return the functions of a module, `bounds` its names of |x|, the larger and the smaller of two."""
     pairs = zip(("absolute", "maximum", "minimum"), bounds, strict=False)
     names = {name: name for name in _FUNCTIONS} | dict(pairs)
@@ -112,6 +112,14 @@ def build_numpy_carrier() -> OperatorCarrier[FloatArray]:
     """Return the carrier of NumPy arrays, which may have any shapes that broadcast."""
     functions = _read_functions(np, "abs", "maximum", "minimum")
     return OperatorCarrier(zero=np.zeros(()), one=np.ones(()), power=np.power, **_ARRAYS, **functions)
+
+
+def build_symbol_carrier() -> OperatorCarrier[Any]:
+    """Return the carrier of SymPy expressions."""
+    import sympy
+
+    functions = _read_functions(sympy, "Abs", "Max", "Min")
+    return OperatorCarrier(zero=sympy.Integer(0), one=sympy.Integer(1), **functions)
 
 
 _TINY = 1e-100

@@ -16,14 +16,17 @@ Values have names: those of robot files (Fc, Fv, Fe) for `advance_memory`, fC, f
 
 Supported: `STATE_LAWS` of the catalogue; any carrier; a velocity at the end other than that of the way.
 Not supported: Dahl's exponent other than one, sigma1 that depends on the velocity, turning back in a step;
-attraction of Maxwell-slip elements that takes time.
+attraction of Maxwell-slip elements that takes time; equations in symbols of laws with elements.
 """
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import TypeVar
+from dataclasses import dataclass, replace
+from typing import Any, TypeVar
 
+import numpy as np
+
+from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
 from symid.joint_models import carriers
 from symid.joint_models.friction_catalogue import STATE_LAWS
@@ -74,8 +77,52 @@ def convert_printed(algebra: carriers.Carrier[V], law: FrictionLaw, printed: Map
     return state | dict(zip((entry.name for entry in (*law.linear, *law.shape)), own, strict=True))
 
 
+def build_memory_values(law: FrictionLaw, printed: Mapping[str, float]) -> dict[str, float]:
+    """Return the values that `advance_memory` takes from sigma0, fC, ..., or stiffness1, share1, fC, ...
+
+    A UsageError for missing or unknown names, values not finite or out of bounds, shares whose sum is not 1.
+    """
+    entries = list_state_parameters(law, max(1, sum(name.startswith("stiffness") for name in printed)))
+    mistakes = []
+    if {entry.name for entry in entries} != printed.keys():
+        names = ", ".join(entry.name for entry in entries)
+        mistakes, entries = [f" takes {names}, got {', '.join(printed)}"], ()
+    for entry in entries:
+        value, upper = printed[entry.name], f" and at most {entry.upper:g}" if entry.upper < math.inf else ""
+        inside = entry.lower <= value if entry.lower_is_allowed else entry.lower < value
+        if not (inside and math.isfinite(value) and value <= entry.upper):
+            bounds = f"{'at least' if entry.lower_is_allowed else 'above'} {entry.lower:g}{upper}"
+            mistakes.append(f": {entry.name} ({entry.meaning}) must be {bounds}, got {value:g}")
+    whole = math.fsum(value for name, value in printed.items() if name.startswith("share"))
+    if law.elements and not mistakes and abs(whole - 1.0) > _LARGEST_GAP:
+        mistakes.append(f": the shares of all elements must have the sum 1, got {whole:.7g}")
+    if mistakes:
+        texts = (f"friction {law.name!r}{text}" for text in mistakes)
+        raise UsageError(*(Notice(code="joint.friction-values", text=text) for text in texts))
+    return convert_printed(carriers.build_float_carrier(), law, printed)
+
+
 _LEAST_LEVEL = 1e-9
 """N m or N, in place of a level that is not positive: bristles that hardly bend."""
+_LARGEST_GAP = 1e-6
+"""Of the sum of all shares."""
+
+
+def _compute_level(algebra: carriers.Carrier[V], values: Mapping[str, V], velocity: V) -> V:
+    """Return g(v) > 0, N m or N, the largest torque of bristles and elements; `values` by name."""
+    level = values["Fc"]
+    if "Fe" in values:
+        ratio = algebra.div(algebra.absolute(velocity), values["vs"])
+        fall = algebra.exp(algebra.sub(algebra.zero, algebra.power(ratio, values["gamma"])))
+        level = algebra.add(level, algebra.mul(values["Fe"], fall))
+    return algebra.maximum(level, algebra.scale(_LEAST_LEVEL, algebra.one))
+
+
+def _compute_rate(
+    algebra: carriers.Carrier[V], values: Mapping[str, V], velocity: V, level: V, state: V
+) -> V:
+    share = algebra.div(algebra.mul(values["sigma0"], state), level)
+    return algebra.sub(velocity, algebra.mul(algebra.absolute(velocity), share))
 
 
 def advance_memory(
@@ -90,13 +137,8 @@ def advance_memory(
         way: rad or m, velocity times period where held.
         states: deflections before it, rad or m.
     """
-    level, after = values["Fc"], list[V]()
-    if "Fe" in values:
-        ratio = algebra.div(algebra.absolute(velocity), values["vs"])
-        fall = algebra.exp(algebra.sub(algebra.zero, algebra.power(ratio, values["gamma"])))
-        level = algebra.add(level, algebra.mul(values["Fe"], fall))
-    # g(v) > 0, the largest torque of bristles and elements.
-    level = algebra.maximum(level, algebra.scale(_LEAST_LEVEL, algebra.one))
+    level = _compute_level(algebra, values, velocity)
+    after: list[V] = []
     if "sigma0" in values:
         # sigma0 z + sigma1 dz/dt.
         stiffness = values["sigma0"]
@@ -106,8 +148,8 @@ def advance_memory(
         after.append(algebra.add(rest, algebra.mul(algebra.sub(states[0], rest), decay)))
         torque = algebra.mul(stiffness, after[0])
         if "sigma1" in values:
-            share = algebra.mul(algebra.absolute(velocity), algebra.div(torque, level))
-            torque = algebra.add(torque, algebra.mul(values["sigma1"], algebra.sub(velocity, share)))
+            rate = _compute_rate(algebra, values, velocity, level, after[0])
+            torque = algebra.add(torque, algebra.mul(values["sigma1"], rate))
     else:
         # Springs, each held within what its share bears.
         torque = algebra.zero
@@ -131,3 +173,110 @@ def is_passive(values: Mapping[str, float]) -> bool | None:
     excess = values.get("Fe", 0.0)
     least = min(values["Fc"], values["Fc"] + excess)
     return values.get("Fv", 0.0) * least >= values.get("sigma1", 0.0) * abs(excess) or None
+
+
+def simulate_dynamic_friction(
+    values: Mapping[str, float], velocity: FloatArray, way: FloatArray, states: Sequence[float] = ()
+) -> tuple[FloatArray, FloatArray]:
+    """Return friction (N,), N m or N, and deflections (N, K), rad or m, at the end of each way of a motion.
+
+    Args:
+        values: by name, of K elements, or bristles with K = 1.
+        velocity: (N,) at the ends of the ways, rad/s or m/s.
+        way: (N,) rad or m, velocity times period where held.
+        states: deflections before the first way, rad or m; straight without.
+
+    Raises:
+        UsageError: unlike lengths, or numbers that are not finite.
+    """
+    if np.shape(velocity) != np.shape(way) or not np.all(np.isfinite([velocity, way])):
+        text = "velocities and displacements must have one length and finite values"
+        raise UsageError(Notice(code="joint.friction-path", text=text))
+    algebra = carriers.build_float_carrier()
+    states = tuple(states) or (0.0,) * max(1, sum(name.startswith("stiffness") for name in values))
+    torques, rows = [], []
+    for speed, step in zip(np.asarray(velocity).tolist(), np.asarray(way).tolist(), strict=True):
+        torque, states = advance_memory(algebra, values, speed, step, states)
+        torques.append(torque)
+        rows.append(states)
+    return np.array(torques), np.array(rows).reshape(len(rows), -1)
+
+
+Expression = Any
+"""A SymPy expression; SymPy is loaded only where it is used, and has no types."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DynamicEquations:
+    """A law in symbols.
+
+    Args:
+        velocity, state, period: the symbols v, z, h; values: those of `list_state_parameters`, in this order.
+        level: g(v); rate: dz/dt; torque: at v and z; steady: after a long time at v.
+        state_after: the deflection after h s at v, beginning from z.
+    """
+
+    velocity: Expression
+    state: Expression
+    period: Expression
+    values: tuple[Expression, ...]
+    level: Expression
+    rate: Expression
+    torque: Expression
+    steady: Expression
+    state_after: Expression
+
+
+def derive_equations(law: FrictionLaw) -> DynamicEquations:
+    """Return a law with bristles over real symbols; those of the parameters are positive.
+
+    A UsageError for laws without bristles.
+    """
+    import sympy
+
+    # The least level is for computing alone; -1.0 is an integer.
+    algebra = replace(
+        carriers.build_symbol_carrier(),
+        maximum=lambda level, _least: level,
+        scale=lambda factor, value: sympy.nsimplify(factor) * value,
+    )
+    velocity, state = sympy.symbols("v z", real=True)
+    period = sympy.Symbol("h", positive=True)
+    printed = {p.name: sympy.Symbol(p.name, positive=True) for p in list_state_parameters(law)}
+    values = convert_printed(algebra, law, printed)
+    torque, _ = advance_memory(algebra, values, velocity, algebra.zero, (state,))
+    _, (after,) = advance_memory(algebra, values, velocity, velocity * period, (state,))
+    level = _compute_level(algebra, values, velocity)
+    columns = law.columns(algebra, {"velocity": velocity}, [values[entry.name] for entry in law.shape])
+    return DynamicEquations(
+        velocity=velocity,
+        state=state,
+        period=period,
+        values=tuple(printed.values()),
+        level=level,
+        rate=_compute_rate(algebra, values, velocity, level, state),
+        torque=torque,
+        steady=sum(values[entry.name] * column for entry, column in zip(law.linear, columns, strict=True)),
+        state_after=after,
+    )
+
+
+def write_dynamic_latex(law: FrictionLaw) -> tuple[str, ...]:
+    r"""Return the equations of a law with bristles in LaTeX: level, rate of the deflection, torque, step.
+
+    After the first the level is written g, in the torque the rate \dot z: as papers print them. A UsageError
+    for laws without bristles.
+    """
+    import sympy
+
+    equations = derive_equations(law)
+    g, rate, after, torque = sympy.symbols("g z_rate z_after tau", positive=True)
+    rows = (
+        (g, equations.level),
+        (rate, equations.rate.subs(equations.level, g)),
+        (torque, equations.torque.subs(equations.rate, rate)),
+        (after, equations.state_after.subs(equations.level, g)),
+    )
+    names = {p: entry.latex for p, entry in zip(equations.values, list_state_parameters(law), strict=True)}
+    names |= {g: "g", rate: r"\dot z", torque: r"\tau_f", after: "z_+"}
+    return tuple(f"{names[left]} = {sympy.latex(right, symbol_names=names)}" for left, right in rows)

@@ -8,10 +8,10 @@ from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
     "files of symid/": 227,
-    "lines": 84_368,  # Long logs pass in parts, plays from turn to turn, shape values by damped steps.
-    "imports inside functions": 74,  # SciPy stays away from code that is only looked at again.
+    "lines": 84_531,  # Long logs pass in parts, plays from turn to turn, shape values by damped steps.
+    "imports inside functions": 77,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
-    "lines of tests": 61_472,  # Each warning says what to do, long logs pass in parts: that is tested.
+    "lines of tests": 61_478,  # Each warning says what to do, long logs pass in parts: that is tested.
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }

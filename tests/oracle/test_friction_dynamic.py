@@ -17,17 +17,15 @@ from benchmarks.friction_rig import (
     SpringDrive,
     simulate_friction_rig,
 )
-from symid.joint_models import advance_memory, build_float_carrier, is_passive
-from tests.state_laws import (
-    STATES,
-    build_values,
-    find_rate,
-    find_torque,
-    give_values,
-    move_bristles,
-    print_values,
-    take_step,
+from symid.joint_models import (
+    advance_memory,
+    build_float_carrier,
+    build_memory_values,
+    get_law,
+    is_passive,
+    simulate_dynamic_friction,
 )
+from tests.state_laws import STATES, find_rate, find_torque, give_values, print_values, take_step
 
 NAMES = ("sigma0", "sigma1", "fC", "fS", "vs", "gamma", "fV")
 STIFF = 1e5
@@ -41,7 +39,7 @@ def simulate(values, drive, *, mass=1.0, **options):
 
 @pytest.mark.parametrize("law", ["dahl", "lugre", "lugre+offset"])
 def test_the_step_that_all_targets_equal_is_the_solution_of_the_bristle_equation(law):
-    p, values = give_values(law), build_values(law)
+    p, values = give_values(law), build_memory_values(get_law(law), print_values(law))
     for v, z0 in ((0.003, 0.0), (0.2, -1e-4), (-0.04, 1.5e-4)):
         rate = lambda _t, z, v=v: [find_rate(p, v, z[0])]  # noqa: E731
         after = solve_ivp(rate, (0, 5e-3), [z0], "Radau", rtol=1e-11, atol=1e-16).y[:, -1]
@@ -61,8 +59,8 @@ def test_dahls_loop_has_its_height_and_its_area(reach, period):
     amplitude = reach * level / stiffness
     height = level * math.tanh(stiffness * amplitude / level)
     way = np.diff(-amplitude * np.cos(2.0 * np.pi * np.arange(count + 1) / count))
-    values = build_values("dahl", {"sigma0": stiffness, "fC": level, "fV": 0.0})
-    torque, _ = move_bristles(values, way * count / period, way, [-height / stiffness])
+    values = build_memory_values(get_law("dahl"), {"sigma0": stiffness, "fC": level, "fV": 0.0})
+    torque, _ = simulate_dynamic_friction(values, way * count / period, way, [-height / stiffness])
     travelled = np.cumsum(np.abs(way)).reshape(2, -1)
     rising = level - (level + height) * np.exp(-stiffness * travelled[0] / level)
     np.testing.assert_allclose(torque, np.concatenate([rising, -rising]), atol=1e-10 * level)
@@ -170,14 +168,14 @@ def test_a_driven_mass_moves_as_an_implicit_solver_says_and_the_law_gives_its_fr
     exact = solve_ivp(slope, (0.0, 2.0), np.zeros(3), "Radau", run.time, rtol=1e-8, atol=1e-12).y[0]
     np.testing.assert_allclose(run.position, exact, atol=1e-5 * np.abs(exact).max())
     ways = np.diff(run.position, prepend=0.0)
-    torque, z = move_bristles(build_values(law), run.velocity, ways)
+    torque, z = simulate_dynamic_friction(build_memory_values(get_law(law), printed), run.velocity, ways)
     for found, wanted in ((torque, run.friction), (z[:, 0], run.deflection)):
         np.testing.assert_allclose(found, wanted, atol=2e-3 * np.abs(wanted).max())
 
 
 def test_a_passive_law_never_gives_energy_back():
     values = dict(zip(NAMES, (1e4, 80.0, 10.0, 15.0, 0.02, 1.7, 40.0), strict=True))
-    assert is_passive(build_values("lugre", values))
+    assert is_passive(build_memory_values(get_law("lugre"), values))
     drive = ForceDrive(
         force=lambda t: 25.0 * math.sin(7.0 * t) * math.sin(1.3 * t) + 3.0 * math.sin(90.0 * t)
     )
@@ -188,11 +186,11 @@ def test_a_passive_law_never_gives_energy_back():
 
 @pytest.mark.parametrize("law", STATES)
 def test_any_closed_way_costs_energy(law):
-    values = build_values(law)
+    values = build_memory_values(get_law(law), print_values(law))
     generator, time = np.random.default_rng(3), np.arange(3 * 4000 + 1) / 4000
     for _ in range(5):
         weights, phases = generator.normal(size=5), generator.uniform(0, 2 * np.pi, 5)
         waves = np.sin(2 * np.pi * np.outer(time, np.arange(1, 6)) + phases)
         ways = np.diff(1e-3 * waves @ weights)
-        torque, _ = move_bristles(values, ways * 4000, ways)
+        torque, _ = simulate_dynamic_friction(values, ways * 4000, ways)
         assert (torque * ways)[-4000:].sum() > 0

@@ -14,9 +14,8 @@ from symid.errors import IdentifiabilityError, UsageError
 from symid.identification.friction import fit_friction
 from symid.identification.friction.joint_fit import FrictionSamples
 from symid.ipopt import Ending
-from symid.joint_models import get_law
+from symid.joint_models import build_memory_values, get_law, simulate_dynamic_friction
 from tests.refusals import raises
-from tests.state_laws import build_values, move_bristles
 
 NOISE = 0.01
 MASS = 2.0
@@ -154,8 +153,8 @@ def follow(position, values=LUGRE, law="lugre", noise=0.1):
         position=position,
         extra=np.zeros((count, 0)),
     )
-    way = np.diff(position, prepend=position[:1])
-    torque, _ = move_bristles(build_values(law, values), samples.velocity, way)
+    way, known = np.diff(position, prepend=position[:1]), build_memory_values(get_law(law), values)
+    torque, _ = simulate_dynamic_friction(known, samples.velocity, way)
     return replace(samples, torque=torque + noise * np.random.default_rng(0).standard_normal(count))
 
 

@@ -9,11 +9,11 @@ import pytest
 from symid.codegen.c_library import build_step_program, generate_friction_state
 from symid.codegen.programs import count_operations
 from symid.errors import UsageError
-from symid.joint_models import advance_memory, get_law
+from symid.joint_models import advance_memory, build_memory_values, get_law, simulate_dynamic_friction
 from tests.builds import run
 from tests.friction_forms import build_carrier
 from tests.refusals import raises
-from tests.state_laws import build_values, find_level, give_values, move_bristles, print_values
+from tests.state_laws import find_level, give_values, print_values
 
 STRICT = ("-std=c99", "-fPIC", "-O2", "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow")
 STRICT += ("-Wdouble-promotion", "-Wmissing-prototypes", "-Werror")
@@ -33,7 +33,7 @@ class Compiled:
         self.number = ctypes.c_double if precision == "double" else ctypes.c_float
         law = get_law(name)
         self.printed = [print_values(name)[entry.name] for entry in (*law.memory, *law.physical)]
-        self.values, self.count = build_values(name), len(self.printed)
+        self.values, self.count = build_memory_values(law, print_values(name)), len(self.printed)
         self.init, self.step = getattr(shared, f"{stem}_init"), getattr(shared, f"{stem}_step")
         self.step.argtypes = [ctypes.c_void_p, self.number, self.number, ctypes.c_void_p]
         self.state = (self.number * (self.count + 1))()
@@ -69,7 +69,7 @@ def test_an_evaluation_agrees_with_floats_and_with_mpmath(name, compiled):
         before = compiled.state[compiled.count] = float(generator.uniform(-1.0, 1.0)) * bend
         code, after, torque = compiled.move(velocity, period)
         assert code == OK
-        run = move_bristles(values, np.array([velocity]), np.array([velocity * period]), [before])
+        run = simulate_dynamic_friction(values, np.array([velocity]), np.array([velocity * period]), [before])
         with mpmath.workdps(40):
             exact = {key: mpmath.mpf(value) for key, value in values.items()}
             v, h, z = map(mpmath.mpf, (velocity, period, before))
@@ -87,7 +87,7 @@ def test_an_evaluation_agrees_with_floats_and_with_mpmath(name, compiled):
 def test_floats_compile_and_agree_to_their_precision(tmp_path, c_compiler, name):
     compiled = Compiled(tmp_path, c_compiler, name, "float")
     velocity = 0.05 * np.sin(3e-3 * np.arange(3000))
-    wanted, _ = move_bristles(compiled.values, velocity, velocity * 1e-3)
+    wanted, _ = simulate_dynamic_friction(compiled.values, velocity, velocity * 1e-3)
     assert compiled.begin(compiled.printed) == OK
     torque = [compiled.move(held, 1e-3)[2] for held in velocity.tolist()]
     assert np.abs(torque - wanted).max() <= 1e-4 * np.abs(wanted).max()

@@ -11,6 +11,7 @@ from symid.joint_models.carriers import (
     build_casadi_carrier,
     build_float_carrier,
     build_numpy_carrier,
+    build_symbol_carrier,
 )
 from symid.joint_models.friction_catalogue import (
     FRICTION_LAWS,
@@ -344,13 +345,14 @@ def test_no_friction_has_no_law_and_a_name_without_one_cannot_be_renamed():
         rename_law("viscus")
 
 
+SYMBOLS = build_symbol_carrier()
 SPEEDS = np.array([-2.0, -0.3, -0.05, 0.0, 0.02, 0.1, 0.7])
 
 
 @pytest.mark.parametrize("smoothing", [0.0, 0.05])
 def test_rates_are_the_derivatives_by_the_stribeck_velocity(smoothing):
     v, speed = sympy.symbols("v v_s", positive=True)
-    shape, *rates = compute_stribeck_derivatives(SYMPY, v, speed, smoothing)
+    shape, *rates = compute_stribeck_derivatives(SYMBOLS, v, speed, smoothing)
     sign = sympy.tanh(v / smoothing) if smoothing else 1
     for order, rate in enumerate((shape, *rates)):
         difference = sympy.diff(sympy.exp(-((v / speed) ** 2)) * sign, speed, order) - rate
