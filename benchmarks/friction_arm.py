@@ -279,7 +279,8 @@ def predict(found: Found, log: Log) -> np.ndarray:
         inputs = {"velocity": log.dq[:, k], "load": load_torque[:, k], "position": log.q[:, k]}
         inputs["temperature"] = log.temperature
         linear = [get(join_name(entry.name, k + 1)) for entry in law.linear]
-        shape = [get(join_name(entry.name, k + 1), entry.start or 1.0) for entry in law.shape]
+        usual = {"vs": 0.05, "gamma": 2.0, "delta": 0.7, "dq0": 0.01, "g2": 1e2, "g3": 10.0, "g5": 1e2}
+        shape = [get(join_name(entry.name, k + 1), usual.get(entry.name, 1.0)) for entry in law.shape]
         torque[:, k] += compute_friction_torque(law, inputs, linear, shape)
     return average(torque)
 

@@ -206,6 +206,12 @@ class SymidError(Exception):
         super().__init__("\n".join(str(notice) for notice in notices))
         self.notices = notices
 
+    @classmethod
+    def refuse(cls, texts: Iterable[str], *, code: str) -> None:
+        """Raise this error with a notice for each of the texts, if there are any."""
+        if notices := [Notice(code=code, text=text) for text in texts]:
+            raise cls(*notices)
+
 
 class UsageError(SymidError):
     """The call is wrong: an unknown name, an option that does not fit."""

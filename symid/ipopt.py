@@ -45,6 +45,11 @@ class Ending(Enum):
         """Return whether the numbers may be used."""
         return self not in {Ending.INFEASIBLE, Ending.DIVERGED, Ending.FAILED}
 
+    @property
+    def converged(self) -> bool:
+        """Return whether the search ended at an optimum."""
+        return self in {Ending.CONVERGED, Ending.ACCEPTABLE}
+
 
 IPOPT_STATUSES: dict[str, tuple[Ending, str]] = {
     "Solve_Succeeded": (Ending.CONVERGED, "converged"),

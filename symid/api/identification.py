@@ -326,7 +326,7 @@ class OneShotProblem(Result):
     @property
     def constraints(self) -> tuple[tuple[float, Any, float], ...]:
         """Return the constraints that were added: lower limit, expression, upper limit."""
-        return tuple((entry.lower, entry.expression, entry.upper) for entry in self.graph.constraints)
+        return self.graph.constraints
 
     @property
     def rows(self) -> int:
@@ -453,7 +453,7 @@ class OneShotSolution(Result):
     @property
     def converged(self) -> bool:
         """Return whether the search ended at an optimum."""
-        return self.answer.outcome in {Ending.CONVERGED, Ending.ACCEPTABLE}
+        return self.answer.outcome.converged
 
     @property
     def values(self) -> Mapping[str, float]:

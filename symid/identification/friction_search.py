@@ -104,7 +104,7 @@ def read_joint_laws(
         allowed = [f"joints are {', '.join(joints)}"] if wrong["joint"] else []
         allowed += [f"laws are {joint_models.list_known_laws(*further)}"] if wrong["law"] else []
         mistakes[-1] = " ".join([mistakes[-1], *(f"Allowed {entry}." for entry in allowed)])
-        raise UsageError(*(Notice(code="usage.joint-friction", text=text) for text in mistakes))
+    UsageError.refuse(mistakes, code="usage.joint-friction")
     return found or None
 
 

@@ -7,7 +7,8 @@ a format for each kind, is still read, with defaults for fields that it did not 
 """
 
 import json
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from itertools import islice
 from os import PathLike
 from pathlib import Path
@@ -16,11 +17,12 @@ from typing import Any, Protocol, TypeVar
 from symid.codegen import ModelCard
 from symid.environment import read_file, write_file
 from symid.errors import EstimateError, Notice, SymidError
-from symid.identification.elastic import ElasticEstimate, StiffnessEstimate, name_friction
+from symid.identification.elastic import ElasticEstimate, StiffnessEstimate
 from symid.identification.estimators import Estimate, FitRecord, check_model
 from symid.identification.friction import FrictionIdentification
 from symid.identification.hysteresis import HysteresisRecord
 from symid.identification.judge import numerics
+from symid.joint_models import NO_FRICTION, get_law
 from symid.serialization import list_unusable, read_record, write_json, write_plain
 
 Record = TypeVar("Record")
@@ -107,6 +109,25 @@ def read_fit(path: Path) -> StoredResult:
         body["friction"] = list(name_friction(names))
     whole = version == _VERSION
     return _build_record(_KINDS[kind], path, body, lambda record: record.list_mistakes(), complete=whole)
+
+
+_LAWS = (
+    *("coulomb-viscous", "coulomb-viscous-offset", "asymmetric", "stribeck", "stribeck+offset"),
+    *("improved-stribeck", "asymmetric-stribeck", "cubic", "stribeck+cubic", "power-law", "makkar"),
+)
+"""Of robot files when estimates did not have the names of laws."""
+
+
+def name_friction(parameters: Sequence[str]) -> tuple[str, ...]:
+    """Return the friction models of joints whose parameters have these names; empty if unknown."""
+    numbers = [name.removeprefix("IA") for name in parameters if re.fullmatch(r"IA\d+", name)]
+    kinds = {tuple(entry.name for entry in get_law(law).linear): law for law in _LAWS} | {(): NO_FRICTION}
+    letters = {letter for names in kinds for letter in names}
+    found = [
+        tuple(name.removesuffix(number) for name in parameters if name in {f"{x}{number}" for x in letters})
+        for number in numbers
+    ]
+    return tuple(kinds[entry] for entry in found) if all(entry in kinds for entry in found) else ()
 
 
 def _build_record(

@@ -75,17 +75,16 @@ if TYPE_CHECKING:
         name_values as name_values,
         rename_law as rename_law,
     )
-    from symid.joint_models.friction_columns import (
-        REFERENCE_TEMPERATURE as REFERENCE_TEMPERATURE,
-        compute_stribeck_derivatives as compute_stribeck_derivatives,
-    )
     from symid.joint_models.friction_law import (
         NO_FRICTION as NO_FRICTION,
+        REFERENCE_TEMPERATURE as REFERENCE_TEMPERATURE,
         FrictionLaw as FrictionLaw,
         FrictionValues as FrictionValues,
         compute_column_derivatives as compute_column_derivatives,
         compute_columns as compute_columns,
         compute_friction_torque as compute_friction_torque,
+        compute_law_sensitivities as compute_law_sensitivities,
+        compute_stribeck_derivatives as compute_stribeck_derivatives,
     )
     from symid.joint_models.hysteresis import (
         Elasticity as Elasticity,
@@ -105,23 +104,14 @@ if TYPE_CHECKING:
     )
     from symid.joint_models.prandtl_ishlinskii import (
         PlayPath as PlayPath,
-        build_play_model as build_play_model,
-        build_stops as build_stops,
-        compute_branch as compute_branch,
         compute_clamps as compute_clamps,
-        compute_cycle_loss as compute_cycle_loss,
-        compute_dissipation as compute_dissipation,
-        compute_first_curve as compute_first_curve,
         compute_hysteresis_torque as compute_hysteresis_torque,
-        compute_play_output as compute_play_output,
         compute_plays as compute_plays,
         compute_spring_work as compute_spring_work,
         compute_stop_basis as compute_stop_basis,
-        compute_stored_energy as compute_stored_energy,
         compute_work_columns as compute_work_columns,
         find_turns as find_turns,
         invert_hysteresis as invert_hysteresis,
-        invert_play_model as invert_play_model,
     )
 else:
     from symid.lazy import load_names

@@ -29,7 +29,7 @@ from functools import reduce
 from itertools import accumulate, pairwise
 from typing import ClassVar, Generic, TypeVar
 
-from symid.errors import Notice, RobotError
+from symid.errors import RobotError
 from symid.joint_models.carriers import Carrier, build_float_carrier
 from symid.joint_models.dynamic_friction import advance_memory, is_passive
 
@@ -38,8 +38,7 @@ V = TypeVar("V")
 
 def refuse_element(mistakes: Sequence[str]) -> None:
     """Raise a RobotError with these sentences, if there are any."""
-    if mistakes:
-        raise RobotError(*(Notice(code="robot.invalid-elasticity", text=text) for text in mistakes))
+    RobotError.refuse(mistakes, code="robot.invalid-elasticity")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -12,7 +12,7 @@ Not supported: second derivatives.
 
 import math
 import operator
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from typing import Any, Generic, Protocol, TypeVar
 
@@ -138,9 +138,6 @@ def build_casadi_carrier() -> OperatorCarrier[Any]:
     )
 
 
-_STEP = 1e-40
-
-
 def build_complex_carrier() -> OperatorCarrier[Any]:
     """Return the carrier of complex arrays: kinks are those of the real parts, slopes there those of rest."""
     return OperatorCarrier(
@@ -154,14 +151,3 @@ def build_complex_carrier() -> OperatorCarrier[Any]:
         **_ARRAYS,
         **_read_functions(np) | {"sign": lambda x: np.sign(np.real(x))},
     )
-
-
-def list_complex_steps(values: Sequence[float], which: Sequence[int]) -> Iterator[tuple[list[Any], float]]:
-    """Yield values of which one is moved by a small imaginary step, and the step (Squire and Trapp 1998).
-
-    The derivative of a function of the `build_complex_carrier` is its imaginary part over the step.
-    """
-    for k in which:
-        step, moved = _STEP * (abs(values[k]) or 1.0), [np.complex128(value) for value in values]
-        moved[k] += 1j * step
-        yield moved, step

@@ -72,13 +72,15 @@ def list_element_values(elasticity: elements.Elasticity) -> dict[str, float]:
         inverse, _, _ = elements.invert_spring(carriers.build_float_carrier(), terms)
         weights, radii = np.array(inverse.weights[1:]), np.array(inverse.thresholds)
         # S(p + r) + S(p - r) rises with p, and is zero between -r and r.
-        low, high = -radii, radii
+        low, high, arrays, sides = -radii, radii, carriers.build_numpy_carrier(), (terms.above, terms.below)
         for _ in range(_HALVINGS):
             middle = 0.5 * (low + high)
-            above, under = (operators.compute_outer_torque(terms, middle + way) for way in (radii, -radii))
+            ends = (middle + radii, middle - radii)
+            above, under = (elements.compute_outer_function(arrays, end, *sides) for end in ends)
             below = above + under < 0.0
             low, high = np.where(below, middle, low), np.where(below, high, middle)
-        above, under = (operators.compute_outer_integral(terms, low + way) for way in (radii, -radii))
+        ends = (low + radii, low - radii)
+        above, under = (elements.compute_outer_integral(arrays, end, *sides) for end in ends)
         named["least"] = math.fsum((0.5 * weights * (above + under)).tolist())
     for head, branch in _name_branches(elasticity):
         named |= {head + name: value for name, value in branch.list_values().items()}

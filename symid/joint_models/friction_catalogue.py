@@ -16,7 +16,7 @@ Not supported: the state itself (`dynamic_friction`).
 import difflib
 import math
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from functools import cache, partial
@@ -25,15 +25,21 @@ from typing import Any
 import numpy as np
 
 from symid.errors import Notice, UsageError
-from symid.joint_models import friction_columns as columns
 from symid.joint_models.carriers import build_float_carrier, smooth
 from symid.joint_models.friction_law import (
     NO_FRICTION,
+    REFERENCE_TEMPERATURE,
     FrictionLaw,
     FrictionValues,
     LawParameter,
     Wave,
     build_parameter,
+    compute_improved_columns,
+    compute_lorentzian_columns,
+    compute_makkar_columns,
+    compute_named_columns,
+    compute_position_dependent_columns,
+    compute_shifted_columns,
 )
 
 _ANY = -math.inf
@@ -64,17 +70,17 @@ _OTHERS: tuple[tuple[Any, ...], ...] = (
     ("fLS", "f_{LS}", "number", "static friction per torque of the load"),
     ("Fle", "F_{le}", "number", "static beyond Coulomb friction per torque of the load", _ANY),
     ("offset", r"\tau_0", "level", "constant torque: drive offset, asymmetry", _ANY),
-    ("gamma", r"\gamma", "number", "Stribeck exponent", 0.5, 4.0, 2.0),
-    ("dqs", r"\dot q_0", "speed", "velocity at which friction changes its sign", 0.0, math.inf, 0.0),
-    ("delta", r"\delta", "number", "exponent of viscous friction", 0.05, 3.0, 0.7),
+    ("gamma", r"\gamma", "number", "Stribeck exponent", 0.5, 4.0),
+    ("dqs", r"\dot q_0", "speed", "velocity at which friction changes its sign"),
+    ("delta", r"\delta", "number", "exponent of viscous friction", 0.05, 3.0),
 )
 _POSITIVE: tuple[tuple[Any, ...], ...] = (
-    ("vs", "v_s", "speed", "Stribeck velocity", 0.0, math.inf, 0.05),
-    ("dq0", r"\dot q_0", "speed", "edge of the zone around standstill", 0.0, math.inf, 0.01),
-    ("g2", r"\gamma_2", "slope", "slope of the rise at standstill", 0.0, math.inf, 100.0),
-    ("g3", r"\gamma_3", "slope", "slope of the fall after it", 0.0, math.inf, 10.0),
-    ("g5", r"\gamma_5", "slope", "slope of Coulomb friction", 0.0, math.inf, 100.0),
-    ("TV", "T_V", "kelvin", "temperature over which cold friction falls to 1/e", 0.0, math.inf, 20.0),
+    ("vs", "v_s", "speed", "Stribeck velocity"),
+    ("dq0", r"\dot q_0", "speed", "edge of the zone around standstill"),
+    ("g2", r"\gamma_2", "slope", "slope of the rise at standstill"),
+    ("g3", r"\gamma_3", "slope", "slope of the fall after it"),
+    ("g5", r"\gamma_5", "slope", "slope of Coulomb friction"),
+    ("TV", "T_V", "kelvin", "temperature over which cold friction falls to 1/e"),
 )
 
 _positive = partial(build_parameter, allowed=False)
@@ -134,7 +140,7 @@ def _get_stribeck_source(exponent: float | None) -> str:
 
 
 DEFAULT_EXPONENT = 2.0
-_WARM = f"{columns.REFERENCE_TEMPERATURE:g}"
+_WARM = f"{REFERENCE_TEMPERATURE:g}"
 _LINEAR = {f"f{end}": f"F{end.lower()}" for end, *_ in _TWINS} | {"fE": "Fe"}
 # Static levels are printed whole; their linear parameters are what they have beyond Coulomb friction.
 _BEYOND = {"fS": ("Fc", "Fe"), "fSp": ("Fcp", "Fep"), "fSn": ("Fcn", "Fen"), "fLS": ("Fl", "Fle")}
@@ -146,25 +152,33 @@ def build_law(
     name: str,
     parameters: str,
     *,
-    further: tuple[tuple[LawParameter, LawParameter], ...] = (),
+    orders: tuple[int, ...] = (),
+    added: Sequence[LawParameter] = (),
     **fields: Any,  # noqa: ANN401 - the other fields of the law
 ) -> FrictionLaw:
-    """Return a law from names of parameters, "linear | shape | printed", `further` ones (linear, printed)."""
+    """Return a law from names of parameters, "linear | shape | printed", powers by `orders` and others."""
     groups = (part.split() for part in parameters.split("|"))
     linear, shape, physical = (tuple(_PARAMETERS[name] for name in names) for names in groups)
+    further = [*map(_build_power_parameters, orders), *((own, own) for own in added)]
     linear, physical = (*linear, *(own for own, _ in further)), (*physical, *(own for _, own in further))
     names = [entry.name for entry in (*linear, *shape)]
     # Of printed parameters, the sum of which others they are.
     parts = {printed.name: (own.name,) for own, printed in further} | _BEYOND
     sums = [parts.get(entry.name, (_LINEAR.get(entry.name, entry.name),)) for entry in physical]
     own = tuple(entry.name for entry in linear if entry.name not in _PLAIN)
+    powers = dict(zip((own.name for own, _ in further), orders, strict=False))
+    given: dict[str, Any] = {
+        "names": names[: len(linear)],
+        "exponent": fields.get("exponent"),
+        "orders": powers,
+    }
     return FrictionLaw(
         name=name,
         linear=linear,
         shape=shape,
         physical=physical,
         mixing=tuple(tuple(int(entry in whole) for entry in names) for whole in sums),
-        **{"own": own} | fields,
+        **dict[str, Any](own=own, columns=partial(compute_named_columns, **given)) | fields,
     )
 
 
@@ -181,11 +195,10 @@ def build_stribeck(*, exponent: float | None = DEFAULT_EXPONENT, orders: tuple[i
     return build_law(
         name,
         f"Fv Fc Fe | vs{free} | fC fS vs{free} fV",
-        columns=partial(columns.compute_stribeck_columns, exponent=exponent, orders=orders),
         exponent=exponent,
         formula=f"[fC + (fS - fC) {_write_fall(exponent)}] sign(dq) + fV dq{_write_further(orders)}",
         source=_get_stribeck_source(exponent),
-        further=tuple(map(_build_power_parameters, orders)),
+        orders=orders,
     )
 
 
@@ -194,10 +207,9 @@ def build_polynomial(orders: tuple[int, ...] = (2, 3)) -> FrictionLaw:
     return build_law(
         "cubic" if orders == (2, 3) else f"polynomial-{','.join(map(str, orders))}",
         "Fv Fc |  | fC fV",
-        columns=partial(columns.compute_polynomial_columns, orders=orders),
         formula=f"fC sign(dq) + fV dq{_write_further(orders)}",
         source="a polynomial of the velocity, as in Simoni, Beschi, Visioli, Legnani, Robotica 35 (2017)",
-        further=tuple(map(_build_power_parameters, orders)),
+        orders=orders,
     )
 
 
@@ -244,9 +256,9 @@ def build_improved(*, reading: str = "H1", exponent: float | None = DEFAULT_EXPO
     """
     free = " gamma" if exponent is None else ""
     ending, edge, formula, texts = _READINGS[reading]
-    find = partial(columns.compute_shifted_columns, exponent=exponent, shifted=reading == "H4")
+    find = partial(compute_shifted_columns, exponent=exponent, shifted=reading == "H4")
     if reading in {"H1", "H2"}:
-        find = partial(columns.compute_improved_columns, exponent=exponent, bias_everywhere=reading == "H1")
+        find = partial(compute_improved_columns, exponent=exponent, bias_everywhere=reading == "H1")
 
     curve = f"g(v) = fC + (fS - fC) exp(-{_write_power('(|v| / vs)', exponent)}) + fV |v|"
     return build_law(
@@ -270,7 +282,6 @@ def build_asymmetric_stribeck(*, exponent: float | None = DEFAULT_EXPONENT, bump
         f"Fvp Fcp Fvn Fcn Fe | vs{free} | fCp fVp fCn fVn fE vs{free}"
         if one
         else f"Fvp Fcp Fep Fvn Fcn Fen | vs{free} | fCp fSp fVp fCn fSn fVn vs{free}",
-        columns=partial(columns.compute_asymmetric_stribeck_columns, exponent=exponent, bumps=bumps),
         exponent=exponent,
         formula=f"fCp + {parts[0]} {fall} + fVp dq for dq > 0, -fCn - {parts[1]} {fall} + fVn dq for dq < 0",
         source=_get_stribeck_source(exponent) + "; by direction as EMPS",
@@ -289,7 +300,6 @@ def build_load_dependent(*, exponent: float | None = None, falls: bool = False) 
     return build_law(
         _name_exponent("load-dependent-stribeck", exponent) if falls else "load-dependent",
         f"Fv Fc Fl Fe Fle | vs{free} | fC fS vs{free} fV fL fLS" if falls else "Fv Fc Fl | | fC fV fL",
-        columns=partial(columns.compute_load_dependent_columns, exponent=exponent, falls=falls),
         exponent=exponent if falls else None,
         formula=formula,
         source=source,
@@ -323,12 +333,12 @@ def build_position_dependent(
     return build_law(
         f"position-{'dependent' if dry else 'torque'}{ending}",
         "Fv Fc |  | fC fV",
-        columns=partial(columns.compute_position_dependent_columns, orders=orders, gear=gear, dry=dry),
+        columns=partial(compute_position_dependent_columns, turns=[k * gear for k in orders], dry=dry),
         formula=formula,
         source="Fourier series of the motor's angle",
         passivity=passivity,
         inputs=("velocity", "position"),
-        further=tuple((wave, wave) for wave in waves),
+        added=waves,
         waves=tuple(Wave(f"{letter}{k}", k * turns, letter == "B", dry) for k in orders for letter in "AB"),
     )
 
@@ -353,7 +363,6 @@ def with_offset(law: FrictionLaw) -> FrictionLaw:
 _COULOMB_VISCOUS = build_law(
     "coulomb-viscous",
     "Fv Fc |  | fC fV",
-    columns=columns.compute_polynomial_columns,
     formula="fC sign(dq) + fV dq",
     source="Coulomb (1785), Reynolds (1886)",
 )
@@ -364,7 +373,6 @@ FRICTION_LAWS: dict[str, FrictionLaw] = {
         build_law(
             "coulomb",
             "Fc |  | fC",
-            columns=columns.compute_coulomb_columns,
             formula="fC sign(dq)",
             source="Coulomb (1785)",
         ),
@@ -373,7 +381,6 @@ FRICTION_LAWS: dict[str, FrictionLaw] = {
         build_law(
             "asymmetric",
             "Fvp Fcp Fvn Fcn |  | fCp fVp fCn fVn",
-            columns=columns.compute_asymmetric_columns,
             formula="fCp + fVp dq for dq > 0, -fCn + fVn dq for dq < 0",
             source="Janot, Gautier, Brunot, data set and reference models of EMPS (2019)",
         ),
@@ -383,7 +390,7 @@ FRICTION_LAWS: dict[str, FrictionLaw] = {
         build_law(
             "lorentzian",
             "Fv Fc Fe | vs | fC fS vs fV",
-            columns=columns.compute_lorentzian_columns,
+            columns=compute_lorentzian_columns,
             formula="[fC + (fS - fC) / (1 + (dq / vs)^2)] sign(dq) + fV dq",
             source="Hess, Soom, Journal of Tribology 112 (1990) 147-152",
         ),
@@ -395,7 +402,6 @@ FRICTION_LAWS: dict[str, FrictionLaw] = {
         build_law(
             "power-law",
             "Fc Fd | delta | fC fD delta",
-            columns=columns.compute_power_law_columns,
             formula="fC sign(dq) + fD |dq|^delta sign(dq)",
             source="a power of the velocity, as in Wolf, Iskandar, ICRA 2018",
             smoothness="Jumps at zero velocity, where for delta < 1 its slope grows without bound; "
@@ -404,7 +410,7 @@ FRICTION_LAWS: dict[str, FrictionLaw] = {
         build_law(
             "makkar",
             "Fm Fc Fv | g2 g3 g5 | fM g2 g3 fC g5 fV",
-            columns=columns.compute_makkar_columns,
+            columns=compute_makkar_columns,
             formula="fM [tanh(g2 dq) - tanh(g3 dq)] + fC tanh(g5 dq) + fV dq",
             source="Makkar, Dixon, Sawyer, Hu, AIM 2005, 600-605",
             smoothness="Smooth in the velocity and in all parameters.",
@@ -419,7 +425,6 @@ FRICTION_LAWS: dict[str, FrictionLaw] = {
         build_law(
             "temperature",
             "Fv Fc Fvt Fct |  | fC fV fCT fVT",
-            columns=columns.compute_temperature_columns,
             formula=f"[fC + fCT (T - {_WARM})] sign(dq) + [fV + fVT (T - {_WARM})] dq, T in degC",
             source="lines of the temperature; coefficients that change with it as in Simoni, Beschi, "
             "Visioli, Legnani, Robotica 35 (2017)",
@@ -429,7 +434,6 @@ FRICTION_LAWS: dict[str, FrictionLaw] = {
         build_law(
             "temperature-viscous",
             "Fv Fc Fvl | TV | fC fV fVL TV",
-            columns=columns.compute_thermal_viscous_columns,
             formula="fC sign(dq) + [fV + fVL exp(-T / TV)] dq, T in degC",
             source="viscous part of Bittencourt, Gunnarsson, J. Dyn. Sys. Meas. Control 134 (2012) 051013",
             inputs=("velocity", "temperature"),

@@ -3,7 +3,9 @@
     tau_f(v) = sum_k c_k Phi_k(v; s)      c: linear parameters, s: shape values (at most three)
 
 Velocity of a joint, for some laws its load and position -> one column Phi_k per linear parameter; positive
-torque opposes positive velocity. Numbers, derivatives, LaTeX and C code all come from `FrictionLaw.columns`.
+torque opposes positive velocity, sign(0) = 0. Numbers, derivatives, LaTeX and C code all come from
+`FrictionLaw.columns`. The Gaussian Stribeck term (Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica
+30 (1994) 1083-1138) has derivatives by the Stribeck velocity vs, too.
 
 Supported: laws without a state, smoothed ones too; of laws with a state the curve of steady sliding.
 Not supported: the state itself, such as the bristles of Dahl and LuGre (`dynamic_friction`).
@@ -14,12 +16,14 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from functools import reduce
+from types import MappingProxyType
 from typing import NamedTuple, TypeVar
 
 import numpy as np
 
 from symid.arrays import FloatArray
 from symid.joint_models import carriers
+from symid.joint_models.carriers import Carrier
 
 V = TypeVar("V")
 
@@ -31,7 +35,6 @@ class LawParameter:
     Args:
         name, latex, unit, unit_prismatic, meaning: the units are SI.
         lower, upper: physical bounds, may be infinite.
-        start: where a search may begin; None where the data must say.
         lower_is_allowed: whether the lower bound itself is.
     """
 
@@ -42,7 +45,6 @@ class LawParameter:
     meaning: str
     lower: float = -math.inf
     upper: float = math.inf
-    start: float | None = None
     lower_is_allowed: bool = True
 
 
@@ -66,15 +68,14 @@ def build_parameter(  # noqa: PLR0917 - one row of a table
     meaning: str,
     lower: float = 0.0,
     upper: float = math.inf,
-    start: float | None = None,
     *,
     allowed: bool = True,
 ) -> LawParameter:
     """Return a parameter whose units are those of `kind`; `allowed`: whether the lower bound itself is."""
-    return LawParameter(name, latex, *_UNITS[kind], meaning, lower, upper, start, allowed)
+    return LawParameter(name, latex, *_UNITS[kind], meaning, lower, upper, allowed)
 
 
-LawColumns = Callable[[carriers.Carrier[V], Mapping[str, V], Sequence[V]], tuple[V, ...]]
+LawColumns = Callable[[Carrier[V], Mapping[str, V], Sequence[V]], tuple[V, ...]]
 
 
 class Wave(NamedTuple):
@@ -138,7 +139,7 @@ class FrictionLaw:
         values = self.unmix(carriers.build_float_carrier(), list(map(float, physical)))
         return tuple(values[: len(self.linear)]), tuple(values[len(self.linear) :])
 
-    def unmix(self, algebra: carriers.Carrier[V], physical: Sequence[V]) -> list[V]:
+    def unmix(self, algebra: Carrier[V], physical: Sequence[V]) -> list[V]:
         """Return linear parameters, then shape values, from values in the order of `physical`."""
         found = []
         for row in self.unmixing:
@@ -154,20 +155,153 @@ class FrictionLaw:
         inverse = np.rint(np.linalg.inv(np.array(self.mixing, dtype=np.float64))).astype(int)
         return tuple(map(tuple, inverse.tolist()))
 
-    @property
-    def latex(self) -> str:
-        """Return the law as an equation for tau_f in its physical parameters, written by the columns."""
-        carrier = _build_latex_carrier()
-        inputs = {name: Phrase(_INPUTS[name]) for name in self.inputs}
-        columns = self.columns(carrier, inputs, [Phrase(parameter.latex) for parameter in self.shape])
-        terms = []
-        for row, column in zip(self.unmixing, columns, strict=False):
-            # A linear parameter is a sum of physical ones, those that are added first.
-            parts = [(factor, p.latex) for factor, p in zip(row, self.physical, strict=True) if factor]
-            parts.sort(key=lambda part: -part[0])
-            text = " ".join(f"{'+' if factor > 0 else '-'} {latex}" for factor, latex in parts)
-            terms.append(Phrase(text.removeprefix("+ "), _ATOM if len(parts) == 1 else _SUM) * column)
-        return rf"\tau_f = {reduce(Phrase.__add__, terms).text}"
+
+Inputs = Mapping[str, V]
+Values = Sequence[V]
+Columns = tuple[V, ...]
+_GAUSSIAN = 2.0
+
+
+def compute_stribeck_derivatives(
+    carrier: Carrier[V], velocity: V, speed: V, smoothing: float = 0.0
+) -> tuple[V, V, V]:
+    """Return g(v) = exp(-(v / vs)^2) sign(v) and its first and second derivative by vs.
+
+    dg/dvs = 2 v^2 / vs^3 g, d2g/dvs2 = (4 v^4 / vs^6 - 6 v^2 / vs^4) g.
+
+    `velocity` is that of the motor, `speed` vs > 0, `smoothing` v0 of tanh(v / v0) in place of the sign, 0
+    for the sign; rad/s or m/s each.
+    """
+    signed = carriers.smooth(carrier, smoothing) if smoothing > 0.0 else carrier
+    ratio = carrier.div(velocity, speed)
+    square = carrier.mul(ratio, ratio)
+    shape = carrier.mul(carrier.exp(carrier.scale(-1.0, square)), signed.sign(velocity))
+    first = carrier.div(carrier.mul(carrier.scale(2.0, square), shape), speed)
+    bend = carrier.add(carrier.scale(4.0, carrier.mul(square, square)), carrier.scale(-6.0, square))
+    second = carrier.div(carrier.mul(bend, shape), carrier.mul(speed, speed))
+    return shape, first, second
+
+
+def _compute_decay(
+    carrier: Carrier[V], size: V, shape: Values[V], exponent: float | None, *, is_positive: bool = False
+) -> V:
+    """Return exp(-|size / vs|^gamma): vs is first in `shape`, gamma last where `exponent` is None."""
+    ratio = carrier.div(size, shape[0])
+    if exponent == _GAUSSIAN:
+        return carrier.exp(carrier.scale(-1.0, carrier.mul(ratio, ratio)))
+    power = ratio if is_positive else carrier.absolute(ratio)
+    if exponent != 1.0:
+        gamma = shape[-1] if exponent is None else carrier.scale(exponent, carrier.one)
+        power = carrier.power(power, gamma)
+    return carrier.exp(carrier.scale(-1.0, power))
+
+
+REFERENCE_TEMPERATURE = 40.0
+"""In degC: what friction at other temperatures is compared with."""
+_FALLS = {"Fe": "Fc", "Fep": "Fcp", "Fen": "Fcn", "Fle": "Fl"}
+"""Parameters of what falls with the speed, and of what it is like at rest."""
+
+
+def compute_named_columns(
+    carrier: Carrier[V],
+    inputs: Inputs[V],
+    shape: Values[V],
+    *,
+    names: Sequence[str],
+    exponent: float | None = None,
+    orders: Mapping[str, int] = MappingProxyType({}),
+) -> Columns[V]:
+    """Return the columns of linear parameters, which have the same name in all laws.
+
+    Fv v, Fc sign(v), Fe exp(-|v / vs|^gamma) sign(v), Fd |v|^delta sign(v), those of `orders` k |v|^(k-1) v;
+    Fvp, Fcp, Fep in forward motion, Fvn, Fcn, Fen in backward motion; Fl, Fle as Fc, Fe times |load|; Fvt,
+    Fct as Fv, Fc times T - T0, Fvl exp(-T / TV) v.
+    """
+    velocity = inputs["velocity"]
+    size = carrier.absolute(velocity) if "Fvp" in names else velocity
+    sign = carrier.sign(velocity)
+    known = {"Fv": velocity, "Fc": sign}
+    if "Fvp" in names:
+        # sign^2 is |sign|: one away from standstill, zero at it.
+        pairs = ((velocity, size), (sign, carrier.absolute(sign)))
+        halves = [change(*pair) for change in (carrier.add, carrier.sub) for pair in pairs]
+        sides = (carrier.scale(0.5, half) for half in halves)
+        known |= dict(zip(("Fvp", "Fcp", "Fvn", "Fcn"), sides, strict=True))
+    if "Fl" in names:
+        known["Fl"] = carrier.mul(carrier.absolute(inputs["load"]), sign)
+    if not _FALLS.keys().isdisjoint(names):
+        fall = _compute_decay(carrier, velocity, shape, exponent)
+        known |= {name: carrier.mul(fall, known[rest]) for name, rest in _FALLS.items() if name in names}
+    size, powers = carrier.absolute(velocity) if orders or "Fd" in names else size, [velocity]
+    for _ in range(max(orders.values(), default=1) - 1):
+        powers.append(carrier.mul(size, powers[-1]))
+    known |= {name: powers[order - 1] for name, order in orders.items()}
+    if "Fd" in names:
+        known["Fd"] = carrier.mul(carrier.power(size, shape[0]), sign)
+    if "Fvt" in names:
+        warmer = carrier.sub(inputs["temperature"], carrier.scale(REFERENCE_TEMPERATURE, carrier.one))
+        known |= {"Fvt": carrier.mul(warmer, velocity), "Fct": carrier.mul(warmer, sign)}
+    if "Fvl" in names:
+        cold = carrier.exp(carrier.scale(-1.0, carrier.div(inputs["temperature"], shape[0])))
+        known["Fvl"] = carrier.mul(cold, velocity)
+    return tuple(known[name] for name in names)
+
+
+def compute_lorentzian_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Values[V]) -> Columns[V]:
+    """Return v, sign(v), sign(v) / (1 + (v / vs)^2)."""
+    velocity = inputs["velocity"]
+    sign, ratio = carrier.sign(velocity), carrier.div(velocity, shape[0])
+    return velocity, sign, carrier.div(sign, carrier.add(carrier.one, carrier.mul(ratio, ratio)))
+
+
+def compute_improved_columns(
+    carrier: Carrier[V], inputs: Inputs[V], shape: Values[V], *, exponent: float | None, bias_everywhere: bool
+) -> Columns[V]:
+    """Return v, s, s exp(-(max(|v|, dq0) / vs)^gamma), and the bias; s = clip(v / dq0, -1, 1).
+
+    Within |v| < dq0 friction is a straight line; the bias is constant, or falls to zero at dq0.
+    """
+    velocity, edge, one = inputs["velocity"], shape[1], carrier.one
+    size = carrier.absolute(velocity)
+    ratio = carrier.div(velocity, edge)
+    clipped = carrier.maximum(carrier.scale(-1.0, one), carrier.minimum(one, ratio))
+    outside = carrier.maximum(size, edge)
+    fall = _compute_decay(carrier, outside, shape, exponent, is_positive=True)
+    bias = one
+    if not bias_everywhere:
+        bias = carrier.maximum(carrier.zero, carrier.sub(one, carrier.div(size, edge)))
+    return velocity, clipped, carrier.mul(fall, clipped), bias
+
+
+def compute_shifted_columns(
+    carrier: Carrier[V], inputs: Inputs[V], shape: Values[V], *, exponent: float | None, shifted: bool
+) -> Columns[V]:
+    """Return the Stribeck columns and the bias one; at the velocity v - dq0 where `shifted`."""
+    velocity = inputs["velocity"]
+    velocity = carrier.sub(velocity, shape[1]) if shifted else velocity
+    inputs, names = {"velocity": velocity}, ("Fv", "Fc", "Fe")
+    return *compute_named_columns(carrier, inputs, shape, names=names, exponent=exponent), carrier.one
+
+
+def compute_makkar_columns(carrier: Carrier[V], inputs: Inputs[V], shape: Values[V]) -> Columns[V]:
+    """Return tanh(g2 v) - tanh(g3 v), tanh(g5 v), v."""
+    velocity = inputs["velocity"]
+    rise, fall, dry = (carrier.tanh(carrier.mul(slope, velocity)) for slope in shape)
+    return carrier.sub(rise, fall), dry, velocity
+
+
+def compute_position_dependent_columns(
+    carrier: Carrier[V], inputs: Inputs[V], _shape: Values[V], *, turns: Sequence[float], dry: bool
+) -> Columns[V]:
+    """Return v, sign(v), and cos, sin of k q for k in `turns`, times sign(v) where friction is `dry`."""
+    velocity, position = inputs["velocity"], inputs["position"]
+    sign = carrier.sign(velocity)
+    columns = [velocity, sign]
+    for turn in turns:
+        angle = carrier.scale(turn, position)
+        waves = (carrier.cos(angle), carrier.sin(angle))
+        columns += [carrier.mul(wave, sign) if dry else wave for wave in waves]
+    return tuple(columns)
 
 
 NO_FRICTION = "none"
@@ -212,86 +346,33 @@ def compute_friction_torque(
     return np.asarray(compute_columns(law, inputs, shape) @ np.asarray(linear, dtype=np.float64))
 
 
+_STEP = 1e-40
+
+
 def compute_column_derivatives(
     law: FrictionLaw, inputs: Mapping[str, FloatArray], shape: Sequence[float]
 ) -> FloatArray:
-    """Return the derivatives (N, p, s) of the columns by the shape values, exact."""
+    """Return the derivatives (N, p, s) of the columns by the shape values, exact.
+
+    They are imaginary parts over a small imaginary step of each value (Squire and Trapp 1998).
+    """
     size, carrier = len(law.shape), carriers.build_complex_carrier()
     result = np.zeros((len(inputs[law.inputs[0]]), len(law.linear), size))
-    for j, (moved, step) in enumerate(carriers.list_complex_steps(shape, range(size))):
+    for j in range(size):
+        step, moved = _STEP * (abs(shape[j]) or 1.0), list(map(np.complex128, shape))
+        moved[j] += 1j * step
         for k, column in enumerate(law.columns(carrier, inputs, moved)):
             result[:, k, j] = np.imag(column) / step
     return result
 
 
-_SUM, _PRODUCT, _ATOM = range(3)
-
-_INPUTS = {"velocity": r"\dot q", "load": r"\tau_l", "position": "q", "temperature": "T"}
-
-
-@dataclass(frozen=True, slots=True)
-class Phrase:
-    """A piece of LaTeX and how tightly it holds together: sum, product or atom."""
-
-    text: str
-    rank: int = _ATOM
-
-    def wrap(self, rank: int) -> str:
-        """Return the text, in parentheses where it holds less tightly than `rank`."""
-        return self.text if self.rank >= rank else rf"\left({self.text}\right)"
-
-    def __add__(self, other: "Phrase") -> "Phrase":
-        joint = " - " if other.text.startswith("-") else " + "
-        return Phrase(self.text + joint + other.text.removeprefix("-"), _SUM)
-
-    def __sub__(self, other: "Phrase") -> "Phrase":
-        return Phrase(f"{self.text} - {other.wrap(_PRODUCT)}", _SUM)
-
-    def __mul__(self, other: "Phrase") -> "Phrase":
-        if "1" in {self.text, other.text}:
-            return other if self.text == "1" else self
-        if self == other:
-            return Phrase(f"{self.wrap(_ATOM)}^2", _PRODUCT)
-        return Phrase(rf"{self.wrap(_PRODUCT)} \, {other.wrap(_PRODUCT)}", _PRODUCT)
-
-    def __truediv__(self, other: "Phrase") -> "Phrase":
-        return Phrase(rf"\frac{{{self.text}}}{{{other.text}}}", _PRODUCT)
-
-    def __abs__(self) -> "Phrase":
-        return Phrase(rf"\left|{self.text}\right|")
-
-    def __pow__(self, other: "Phrase") -> "Phrase":
-        return Phrase(f"{self.wrap(_ATOM)}^{{{other.text}}}", _PRODUCT)
-
-    def scale(self, factor: float) -> "Phrase":
-        """Return a multiple."""
-        if factor == 1.0:
-            return self
-        if factor == -1.0:
-            return Phrase(f"-{self.wrap(_PRODUCT)}", _SUM)
-        number = r"\tfrac{1}{2}" if factor == 0.5 else f"{factor:.12g}"
-        if self.text == "1":
-            return Phrase(number)
-        return Phrase(rf"{number} \, {self.wrap(_PRODUCT)}", _PRODUCT)
-
-
-def _build_latex_carrier() -> carriers.OperatorCarrier[Phrase]:
-    def name(function: str) -> Callable[..., Phrase]:
-        def apply(*values: Phrase) -> Phrase:
-            inner = r",\, ".join(value.text for value in values)
-            return Phrase(rf"{function}\left({inner}\right)")
-
-        return apply
-
-    return carriers.OperatorCarrier(
-        zero=Phrase("0"),
-        one=Phrase("1"),
-        scale=lambda factor, value: value.scale(factor),
-        exp=lambda value: Phrase(f"e^{{{value.text}}}", _PRODUCT),
-        tanh=name(r"\tanh"),
-        sin=name(r"\sin"),
-        cos=name(r"\cos"),
-        sign=name(r"\operatorname{sgn}"),
-        maximum=name(r"\max"),
-        minimum=name(r"\min"),
-    )
+def compute_law_sensitivities(
+    law: FrictionLaw,
+    inputs: Mapping[str, FloatArray],
+    linear: Sequence[float] | FloatArray,
+    shape: Sequence[float] | FloatArray,
+) -> FloatArray:
+    """Return the derivatives (N, p + s) of the torque by linear (p,) and shape values (s,)."""
+    values = [float(value) for value in shape]
+    rates = np.einsum("nps,p->ns", compute_column_derivatives(law, inputs, values), np.array(linear))
+    return np.hstack([compute_columns(law, inputs, values), rates])

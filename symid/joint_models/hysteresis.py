@@ -6,8 +6,8 @@
 
 Modified Prandtl-Ishlinskii model (Kuhnen, European Journal of Control 9 (2003) 407-418). A step is exact for
 any length, as long as the input is monotone within it; `prandtl_ishlinskii` takes whole recordings.
-Springs with an outer slope other than one and Maxwell-slip (Iwan) elements are converted to `Elasticity`,
-whose numbers are those of a spring between motor and link: tau_J = S(v) + D dphi, phi = theta - q. With
+Maxwell-slip (Iwan) elements are converted to `Elasticity`, whose numbers are those of a spring between motor
+and link: tau_J = S(v) + D dphi, phi = theta - q. With
 k_i >= 0 it is passive; its outer function has slope one at v = 0, so that v is in N m.
 
 Supported: any number of stops and knees; the inverse of the spring with its knees; catalogue values of
@@ -17,7 +17,7 @@ Not supported: the inverse of a cubic spring; elements in series with a damper.
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import reduce
 from itertools import accumulate
 from typing import Generic, TypeVar
@@ -307,32 +307,6 @@ class MaxwellElement:
     force: float
 
 
-def convert_to_normal_form(elasticity: Elasticity, outer_slope: float) -> Elasticity:
-    """Return the spring with outer slope one that gives the same torque.
-
-    (k, s, R) with outer slope a at zero is (a k, s / a, a R) with slope one.
-
-    Stiffnesses and knees of `elasticity` belong to tau = outer_slope v + sum_j s_j S_j(v). A RobotError for a
-    slope that is not positive, or where the result is no elasticity.
-    """
-    text = f"slope {outer_slope:g} of the outer function at zero: it must be positive"
-    refuse_element([] if outer_slope > 0 else [text])
-
-    def scale(value: float | None) -> float | None:
-        return None if value is None else value * outer_slope
-
-    return replace(
-        elasticity,
-        stiffness=scale(elasticity.stiffness),
-        cubic=elasticity.cubic * outer_slope,
-        stops=tuple(replace(stop, stiffness=scale(stop.stiffness)) for stop in elasticity.stops),
-        knees=tuple(
-            replace(knee, threshold=knee.threshold * outer_slope, slope=knee.slope / outer_slope)
-            for knee in elasticity.knees
-        ),
-    )
-
-
 def convert_maxwell_elements(elements: Sequence[MaxwellElement]) -> tuple[Stop, ...]:
     """Return the stops that are these elements, thresholds increasing; equal thresholds are one stop.
 
@@ -345,9 +319,3 @@ def convert_maxwell_elements(elements: Sequence[MaxwellElement]) -> tuple[Stop, 
         threshold = element.force / element.stiffness
         stiffness[threshold] = stiffness.get(threshold, 0.0) + element.stiffness
     return tuple(Stop(threshold=key, stiffness=value) for key, value in sorted(stiffness.items()))
-
-
-def list_maxwell_elements(elasticity: Elasticity) -> tuple[MaxwellElement, ...]:
-    """Return the stops of an elasticity as springs behind dry friction, those of no stiffness left out."""
-    pairs = ((stop.stiffness, stop.threshold) for stop in elasticity.stops if stop.stiffness)
-    return tuple(MaxwellElement(stiffness=k, force=k * threshold) for k, threshold in pairs)

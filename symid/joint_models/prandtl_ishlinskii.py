@@ -1,4 +1,4 @@
-"""Springs with hysteresis along whole recordings: plays, torque, inverse, work, energy, loops.
+"""Springs with hysteresis along whole recordings: plays, torque, inverse, work, losses.
 
 Torsion or torque (N,), `Elasticity` or weights and thresholds -> plays, torque, torsion, energies (N,); the
 equations are those of `hysteresis`. `memory` has the play of each stop before the first sample, None is the
@@ -12,12 +12,10 @@ virgin spring, all zero. Samples may be any distance apart, as long as the input
 The work is the change of U, plus D (Brokate and Sprekels, Hysteresis and Phase Transitions, 1996).
 
 Not supported (RobotError): unknown stiffnesses; plays whose sum does not rise; the inverse of a cubic spring,
-and its work and energy with knees. The closed-form loss of a cycle leaves knees out.
+and its work and losses with knees.
 """
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -28,7 +26,7 @@ from symid.errors import Notice, RobotError
 from symid.joint_models import hysteresis as elements
 from symid.joint_models.branches import refuse_element
 from symid.joint_models.carriers import OperatorCarrier, build_float_carrier, build_numpy_carrier
-from symid.joint_models.hysteresis import Elasticity, SpringTerms
+from symid.joint_models.hysteresis import Elasticity, Plays, SpringTerms
 
 Memory = FloatArray | None
 """The play of each stop before the first sample; None for the virgin spring."""
@@ -57,83 +55,6 @@ def _read_spring(elasticity: Elasticity) -> tuple[SpringTerms[float], FloatArray
     terms = read_spring_terms(elasticity)
     pairs = np.array(terms.stops, dtype=np.float64).reshape(-1, 2)
     return terms, pairs[:, 0], pairs[:, 1]
-
-
-def compute_outer_torque(terms: SpringTerms[float], value: FloatArray) -> FloatArray:
-    """Return S(v), N m or N, at values v of any shape."""
-    return np.asarray(elements.compute_outer_function(_ARRAYS, value, terms.above, terms.below))
-
-
-def invert_outer(terms: SpringTerms[float], torque: FloatArray) -> FloatArray:
-    """Return v with S(v) = torque, N m or N, for torques of any shape."""
-    above, below = (elements.invert_pieces(_FLOATS, 1.0, side) for side in (terms.above, terms.below))
-    return np.asarray(elements.compute_outer_function(_ARRAYS, torque, above, below))
-
-
-def compute_outer_integral(terms: SpringTerms[float], value: FloatArray) -> FloatArray:
-    """Return G(v), the integral of S from 0 to v, at values v of any shape."""
-    return np.asarray(elements.compute_outer_integral(_ARRAYS, value, terms.above, terms.below))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PlayModel(elements.Plays[float]):
-    """A sum of plays: w_0 .. w_m, and r_1 .. r_m, positive and increasing, in the unit of the input."""
-
-    thresholds: tuple[float, ...] = ()
-
-    def __post_init__(self) -> None:
-        """Raise a RobotError for thresholds out of order, a count that does not fit, or no rise."""
-        mistakes = []
-        if len(self.weights) != len(self.thresholds) + 1:
-            mistakes.append(f"{len(self.thresholds)} thresholds need {len(self.thresholds) + 1} weights")
-        if any(not low < high for low, high in zip((0.0, *self.thresholds), self.thresholds, strict=False)):
-            mistakes.append("the thresholds of plays must be positive and increase, each once")
-        if not all(slope > 0 for slope in np.cumsum(self.weights)):
-            mistakes.append("w_0 + ... + w_i must be positive for every i: else the model does not rise")
-        refuse_element(mistakes)
-
-
-def build_play_model(elasticity: Elasticity) -> PlayModel:
-    """Return the plays of an elasticity, knees and cubic part left out: w_0 = k0 + sum k_i, w_i = -k_i."""
-    plays = elements.gather_plays(_FLOATS, read_spring_terms(elasticity))
-    return PlayModel(weights=plays.weights, thresholds=plays.thresholds)
-
-
-def build_stops(model: PlayModel) -> Elasticity:
-    """Return the same model as an elasticity: k_i = -w_i, k0 = w_0 + ... + w_m."""
-    pairs = zip(model.thresholds, model.weights[1:], strict=True)
-    stops = tuple(elements.Stop(threshold=threshold, stiffness=-weight) for threshold, weight in pairs)
-    return Elasticity(stiffness=sum(model.weights), stops=stops)
-
-
-def invert_play_model(
-    model: PlayModel, memory: Sequence[float] | FloatArray | None = None
-) -> tuple[PlayModel, FloatArray]:
-    """Return the inverse of a model, and the memory (m,) that the inverse has where the model has `memory`.
-
-    w'_0 = 1 / w_0, w'_i = -w_i / (W_i W_{i-1}), r'_i = sum_{j <= i} w_j (r_i - r_j),
-    P'_i = W_i P_i + sum_{j > i} w_j P_j.
-
-    Raises:
-        RobotError: no history leaves such a memory: |P_i - P_{i+1}| <= r_{i+1} - r_i, up to rounding.
-    """
-    radii = np.array(model.thresholds)
-    plays = np.zeros(radii.size) if memory is None else np.asarray(memory, dtype=np.float64)
-    if radii.shape != plays.shape:
-        mistakes = [f"the memory has {plays.size} plays; there are {radii.size} thresholds"]
-    else:
-        apart, allowed = np.abs(np.diff(plays)), np.diff(radii)
-        slack = _ROUNDING * float(np.max(np.abs(plays), initial=0.0) + np.max(radii, initial=0.0))
-        mistakes = [
-            f"plays {k + 1} and {k + 2} are {apart[k]:g} apart; allowed is {allowed[k]:g}"
-            for k in range(apart.size)
-            if not apart[k] <= allowed[k] + slack
-        ]
-    if mistakes:
-        raise RobotError(*(Notice(code="robot.impossible-memory", text=text) for text in mistakes))
-    inverse = elements.invert_plays(_FLOATS, model)
-    image = np.array(elements.invert_plays_memory(_FLOATS, model, plays.tolist()))
-    return PlayModel(weights=inverse.weights, thresholds=inverse.thresholds), image
 
 
 class PlayPath(NamedTuple):
@@ -231,13 +152,6 @@ def compute_stop_basis(phi: FloatArray, thresholds: FloatArray, kept: slice = sl
     return PlayPath.build(np.asarray(phi, dtype=np.float64), kept).follow_stops(thresholds)[1]
 
 
-def compute_play_output(model: PlayModel, values: FloatArray, memory: Memory = None) -> FloatArray:
-    """Return w_0 x + sum_i w_i P_i[x] (N,) for an input (N,) and the plays (m,) before it."""
-    values, weights = np.asarray(values, dtype=np.float64), np.array(model.weights)
-    plays = compute_plays(values, np.array(model.thresholds), memory)
-    return np.asarray(weights[0] * values + plays @ weights[1:], dtype=np.float64)
-
-
 def compute_hysteresis_torque(
     elasticity: Elasticity, phi: FloatArray, dphi: FloatArray | None = None, memory: Memory = None
 ) -> FloatArray:
@@ -251,20 +165,54 @@ def compute_hysteresis_torque(
     inner = terms.stiffness * phi + (phi[:, None] - compute_plays(phi, radii, memory)) @ weights
     if elasticity.cubic:
         inner = inner + elasticity.cubic * phi**3
-    torque = compute_outer_torque(terms, inner)
+    torque = np.asarray(elements.compute_outer_function(_ARRAYS, inner, terms.above, terms.below))
     return torque if dphi is None else torque + elasticity.damping * np.asarray(dphi, dtype=np.float64)
 
 
 def invert_hysteresis(elasticity: Elasticity, torque: FloatArray, memory: Memory = None) -> FloatArray:
     """Return the torsion (N,) at which an elastic joint has the torque (N,), N m or N, damping left out.
 
-    `memory` has the plays of the torsion, as for `compute_hysteresis_torque`; a RobotError where no history
-    of the torsion leaves such a one.
+    w'_0 = 1 / w_0, w'_i = -w_i / (W_i W_{i-1}), r'_i = sum_{j <= i} w_j (r_i - r_j),
+    P'_i = W_i P_i + sum_{j > i} w_j P_j. `memory` has the plays of the torsion, as for
+    `compute_hysteresis_torque`.
+
+    Raises:
+        RobotError: no history leaves such a memory: |P_i - P_{i+1}| <= r_{i+1} - r_i, up to rounding.
     """
-    _refuse_cubic(elasticity)
-    inverse, image = invert_play_model(build_play_model(elasticity), memory)
-    value = invert_outer(read_spring_terms(elasticity), np.asarray(torque, dtype=np.float64))
-    return compute_play_output(inverse, value, image)
+    model, inverse = _invert_plays(elasticity)
+    radii = np.array(model.thresholds)
+    plays = np.zeros(radii.size) if memory is None else np.asarray(memory, dtype=np.float64)
+    if radii.shape != plays.shape:
+        mistakes = [f"the memory has {plays.size} plays; there are {radii.size} thresholds"]
+    else:
+        apart, allowed = np.abs(np.diff(plays)), np.diff(radii)
+        slack = _ROUNDING * float(np.max(np.abs(plays), initial=0.0) + np.max(radii, initial=0.0))
+        mistakes = [
+            f"plays {k + 1} and {k + 2} are {apart[k]:g} apart; allowed is {allowed[k]:g}"
+            for k in range(apart.size)
+            if not apart[k] <= allowed[k] + slack
+        ]
+    RobotError.refuse(mistakes, code="robot.impossible-memory")
+    terms = read_spring_terms(elasticity)
+    sides = (elements.invert_pieces(_FLOATS, 1.0, side) for side in (terms.above, terms.below))
+    value = elements.compute_outer_function(_ARRAYS, np.asarray(torque, dtype=np.float64), *sides)
+    image = np.array(elements.invert_plays_memory(_FLOATS, model, plays.tolist()))
+    images, weights = compute_plays(value, np.array(inverse.thresholds), image), np.array(inverse.weights)
+    return np.asarray(weights[0] * value + images @ weights[1:], dtype=np.float64)
+
+
+def _invert_plays(elasticity: Elasticity) -> tuple[Plays[float], Plays[float]]:
+    """Return the plays of an elasticity, knees left out, and their inverse; refuse what has none."""
+    if elasticity.cubic:
+        text = (
+            "a cubic spring has no inverse in closed form, nor, together with knees, a closed form of its "
+            "work; describe its hardening by knees alone"
+        )
+        raise RobotError(Notice(code="robot.cubic-spring", text=text))
+    plays = elements.gather_plays(_FLOATS, read_spring_terms(elasticity))
+    if not all(slope > 0 for slope in np.cumsum(plays.weights)):
+        refuse_element(["w_0 + ... + w_i must be positive for every i: else the spring does not rise"])
+    return plays, elements.invert_plays(_FLOATS, plays)
 
 
 def compute_work_columns(phi: FloatArray, thresholds: FloatArray, memory: Memory = None) -> FloatArray:
@@ -276,40 +224,8 @@ def compute_work_columns(phi: FloatArray, thresholds: FloatArray, memory: Memory
     plays = compute_plays(phi, thresholds, memory)
     stored = 0.5 * np.square(np.column_stack([phi, phi[:, None] - plays]))
     columns = stored - stored[:1]
-    columns[:, 1:] += thresholds * np.cumsum(np.abs(_diff(plays)), axis=0)
+    columns[:, 1:] += thresholds * np.cumsum(np.abs(np.diff(plays, axis=0, prepend=plays[:1])), axis=0)
     return columns
-
-
-def compute_inverse_plays(
-    elasticity: Elasticity, phi: FloatArray, memory: Memory = None
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return P'_i (N, m + 1), r'_i and w'_i (m + 1,) of phi = sum_i w'_i P'_i[v]; P'_0 = v, r'_0 = 0.
-
-    P'_i = W_i P_i - sum_{j > i} k_j P_j with W_i = k0 + sum_{j > i} k_j.
-    """
-    _refuse_cubic(elasticity)
-    inverse, _ = invert_play_model(build_play_model(elasticity))
-    terms, radii, weights = _read_spring(elasticity)
-    plays = np.column_stack([phi, compute_plays(phi, radii, memory)])
-    weights = np.concatenate([[0.0], weights])
-    slopes = terms.stiffness + np.sum(weights) - np.cumsum(weights)
-    shares = np.diag(slopes) - np.tril(np.broadcast_to(weights[:, None], (weights.size,) * 2), -1)
-    return plays @ shares, np.array((0.0, *inverse.thresholds)), np.array(inverse.weights)
-
-
-def _refuse_cubic(elasticity: Elasticity) -> None:
-    """Refuse a cubic part where the closed form is that of plays."""
-    if elasticity.cubic:
-        text = (
-            "a cubic spring has no inverse in closed form, nor, together with knees, a closed form of its "
-            "work; describe its hardening by knees alone"
-        )
-        raise RobotError(Notice(code="robot.cubic-spring", text=text))
-
-
-def _diff(values: FloatArray) -> FloatArray:
-    """Return the steps (N, m) of columns, the first ones zero."""
-    return np.diff(values, axis=0, prepend=values[:1])
 
 
 def compute_spring_work(elasticity: Elasticity, phi: FloatArray, memory: Memory = None) -> FloatArray:
@@ -321,68 +237,13 @@ def compute_spring_work(elasticity: Elasticity, phi: FloatArray, memory: Memory 
         quartic = 0.25 * elasticity.cubic * (phi**4 - phi[:1] ** 4)
         weights = np.concatenate([[terms.stiffness], weights])
         return np.asarray(columns @ weights + quartic, dtype=np.float64)
-    plays, radii, weights = compute_inverse_plays(elasticity, phi, memory)
-    ways = _diff(plays)
+    # P'_0 = v, then P'_i, and r'_0 = 0.
+    (model, inverse), plays = _invert_plays(elasticity), compute_plays(phi, radii, memory)
+    value = model.weights[0] * phi + plays @ np.array(model.weights[1:])
+    images = np.column_stack([value, *elements.invert_plays_memory(_ARRAYS, model, list(plays.T))])
+    ways = np.diff(images, axis=0, prepend=images[:1])
     # While it moves up a play trails its input by the threshold, and leads it while it moves down.
-    edges = np.sign(ways) * radii
-    ends = compute_outer_integral(terms, plays + edges)
-    starts = compute_outer_integral(terms, plays - ways + edges)
-    return np.cumsum((ends - starts) @ weights)
-
-
-def compute_stored_energy(elasticity: Elasticity, phi: FloatArray, memory: Memory = None) -> FloatArray:
-    """Return the energy U (N,) in J that the spring holds along its torsion (N,); virgin at rest none."""
-    if elasticity.knees:
-        _refuse_cubic(elasticity)
-    phi = np.asarray(phi, dtype=np.float64)
-    terms, radii, _ = _read_spring(elasticity)
-    plays = compute_plays(phi, radii, memory)
-    stored = elements.compute_stored(_ARRAYS, terms, phi, list(plays.T))
-    rest = elements.compute_stored(_FLOATS, terms, 0.0, [0.0] * len(radii))
-    return np.asarray(np.asarray(stored) - np.asarray(rest), dtype=np.float64)
-
-
-def compute_dissipation(elasticity: Elasticity, phi: FloatArray, memory: Memory = None) -> FloatArray:
-    """Return the energy D (N,) in J lost since the first sample, damping left out; it never decreases.
-
-    Without knees D = sum_i k_i r_i int |dP_i|.
-    """
-    phi = np.asarray(phi, dtype=np.float64)
-    terms, radii, weights = _read_spring(elasticity)
-    if not elasticity.knees:
-        return np.cumsum(np.abs(_diff(compute_plays(phi, radii, memory))) @ (weights * radii))
-    plays, radii, weights = compute_inverse_plays(elasticity, phi, memory)
-    gaps = compute_outer_integral(terms, plays + radii) - compute_outer_integral(terms, plays - radii)
-    steps = np.maximum(0.5 * np.sign(_diff(plays)) * _diff(gaps), 0.0)
-    return np.cumsum(steps @ weights)
-
-
-def _compute_first_torque(elasticity: Elasticity, phi: FloatArray) -> FloatArray:
-    """Return v(A) = k0 A + sum_i k_i min(r_i, A), odd in A, without the cubic part."""
-    terms, radii, weights = _read_spring(elasticity)
-    return np.asarray(terms.stiffness * phi + np.clip(phi[..., None], -radii, radii) @ weights)
-
-
-def compute_first_curve(elasticity: Elasticity, phi: FloatArray) -> FloatArray:
-    """Return the torque of a virgin spring that is turned to `phi` without reversal."""
-    phi, terms = np.asarray(phi, dtype=np.float64), read_spring_terms(elasticity)
-    return compute_outer_torque(terms, _compute_first_torque(elasticity, phi) + elasticity.cubic * phi**3)
-
-
-def compute_branch(elasticity: Elasticity, reversal: float, phi: FloatArray) -> FloatArray:
-    """Return the torque on the way back from the first reversal: v = v(A) - 2 v((A - phi) / 2)   (Masing).
-
-    `reversal` is the torsion A at which the way of a virgin spring was reversed, rad or m, of either sign;
-    `phi` are torsions between A and -A, of any shape.
-    """
-    phi, terms = np.asarray(phi, dtype=np.float64), read_spring_terms(elasticity)
-    start = _compute_first_torque(elasticity, np.asarray(reversal, dtype=np.float64))
-    inner = start - 2.0 * _compute_first_torque(elasticity, 0.5 * (reversal - phi))
-    return compute_outer_torque(terms, inner + elasticity.cubic * phi**3)
-
-
-def compute_cycle_loss(elasticity: Elasticity, amplitude: float) -> float:
-    """Return the energy in J lost in a cycle +-A, knees left out: 4 sum_i k_i r_i max(A - r_i, 0)."""
-    _, radii, weights = _read_spring(elasticity)
-    slips = np.maximum(abs(amplitude) - radii, 0.0)
-    return float(4.0 * np.sum(weights * radii * slips))
+    edges = np.sign(ways) * np.array((0.0, *inverse.thresholds))
+    places, sides = (images + edges, images - ways + edges), (terms.above, terms.below)
+    ends, starts = (elements.compute_outer_integral(_ARRAYS, place, *sides) for place in places)
+    return np.cumsum((ends - starts) @ np.array(inverse.weights))

@@ -17,6 +17,7 @@ from sympy.polys.rings import PolyElement
 from symid import dynamics, joint_models
 from symid.lessons import matrices
 from symid.lessons.chapters import WRITTEN_OUT, require
+from symid.lessons.friction_formulas import write_friction
 from symid.lessons.textbook import Product, Sum, build_style, write_latex, write_sum, write_text
 from symid.notation import INERTIAL
 from symid.robot import JointKind, Robot
@@ -203,7 +204,7 @@ def describe_friction(robot: Robot) -> Step | None:
         if law is None:
             continue
         sentences.append(f"{joint.name}: {law.name} ({law.source})")
-        steady = law.latex.removeprefix(r"\tau_f = ")
+        steady = write_friction(law)
         if law.memory:
             damping = r"\sigma_1 \dot z + " if len(law.memory) > 1 else ""
             bent = _ELEMENTS if law.elements else _BRISTLES.replace("{damping}", damping)

@@ -287,7 +287,7 @@ def _measure_spring(spring: joint_models.Elasticity, amplitude: float) -> tuple[
         steepest, cycle = joint_models.find_most_slope(spring), slice(_SAMPLES, None)
         lost = float(scipy.integrate.trapezoid(torque[cycle], path[cycle]))
         return spring.stiffness or 0.0, steepest, float(torque[_SAMPLES]) / amplitude, lost
-    first = float(joint_models.compute_first_curve(spring, np.array([amplitude]))[0])
+    first = float(joint_models.compute_hysteresis_torque(spring, np.array([amplitude]))[0])
     work = joint_models.compute_spring_work(spring, path) if not (spring.cubic and spring.knees) else None
     loss = float(work[-1] - work[_SAMPLES]) if work is not None else float("nan")
     return spring.stiffness or 0.0, spring.initial_stiffness or 0.0, first / amplitude, loss

@@ -44,7 +44,7 @@ from symid.identification.rigid import (
     restore_robot,
     validate_estimate,
 )
-from symid.joint_models import compute_friction_torque, get_law
+from symid.joint_models import compute_friction_torque, compute_law_sensitivities, get_law
 from symid.logs import LogPart, Recording, check_recording, read_recordings, take_parts
 from symid.report import figures, pages, texts
 from symid.report.blocks import Block, Drawing, Table
@@ -398,7 +398,7 @@ def compute_friction_curve(joint: friction.JointFriction) -> tuple[FloatArray, F
     velocity = velocity[(velocity >= min(low, 0.0)) & (velocity <= max(high, 0.0))]
     inputs = {name: np.zeros(len(velocity)) for name in law.inputs} | {"velocity": velocity}
     linear, shape = list(joint.estimate.linear), list(joint.estimate.shape)
-    gradient = friction.compute_law_sensitivities(law, inputs, linear, shape)
+    gradient = compute_law_sensitivities(law, inputs, linear, shape)
     size = gradient.shape[1]
     covariance = np.array(joint.estimate.covariance)[:size, :size]
     variance = np.einsum("ni,ij,nj->n", gradient, covariance, gradient)

@@ -25,7 +25,7 @@ from symid.arrays import FloatArray
 from symid.environment import locate_resource_folder
 from symid.identification import friction
 from symid.identification.judge import numerics
-from symid.joint_models import FrictionLaw, compute_friction_torque, get_law
+from symid.joint_models import FrictionLaw, compute_friction_torque, compute_law_sensitivities, get_law
 from symid.report import figures
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.drawings import place_arm
@@ -477,7 +477,7 @@ def _draw_scatter(samples: friction.FrictionSamples, what: str) -> Drawing:
 def _build_band(found: friction.FrictionEstimate, velocity: FloatArray) -> figures.Line:
     """Return where 95 percent of samples lie by the fit: noise, and uncertainty of the curve."""
     law, inputs = get_law(found.law), {"velocity": velocity}
-    design = friction.compute_law_sensitivities(law, inputs, found.linear, found.shape)
+    design = compute_law_sensitivities(law, inputs, found.linear, found.shape)
     uncertainty = np.einsum("ni,ij,nj->n", design, np.array(found.covariance), design)
     torque = compute_friction_torque(law, inputs, found.linear, found.shape)
     half = 2.0 * np.sqrt(found.sigma**2 + uncertainty)

@@ -7,11 +7,11 @@ import pytest
 from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
-    "files of symid/": 228,
-    "lines": 84441,  # Long logs pass in parts, plays from turn to turn, shape values by damped steps.
-    "imports inside functions": 78,  # SciPy stays away from code that is only looked at again.
+    "files of symid/": 227,
+    "lines": 84_531,  # Long logs pass in parts, plays from turn to turn, shape values by damped steps.
+    "imports inside functions": 77,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
-    "lines of tests": 61468,  # Each warning says what to do, long logs pass in parts: that is tested.
+    "lines of tests": 61_478,  # Each warning says what to do, long logs pass in parts: that is tested.
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }

@@ -20,17 +20,12 @@ def run_section(page, first="", last=""):
     return names
 
 
-def test_a_spring_on_its_own(capsys):
+def test_a_spring_on_its_own():
     names = run_section("elastic.md", "## A spring on its own", "## How it is checked")
-    for name in ("back", "again"):
-        np.testing.assert_allclose(names[name], names["torsion"], atol=1e-15)
-    stored, lost = names["stored"], names["lost"]
-    np.testing.assert_allclose(stored - stored[0] + lost, names["work"], atol=1e-14)
-    # A cycle of the spring without knees: four times k r (A - r) of each stop.
-    loss = 4.0 * (900.0 * 1e-3 * 4e-3 + 400.0 * 3e-3 * 2e-3)
-    lines = capsys.readouterr().out.splitlines()
-    assert float(lines[1].split()[3]) == pytest.approx(loss, rel=1e-6)
-    assert lines[2].startswith("True 1500.0")
+    np.testing.assert_allclose(names["back"], names["torsion"], atol=1e-15)
+    assert np.diff(names["lost"]).min() >= -1e-14
+    # Elements that hold 0.9 and 1.2 N m slip at these torsions.
+    assert [stop.threshold for stop in names["same"].stops] == pytest.approx([1e-3, 3e-3])
 
 
 def test_friction_with_a_memory(tmp_path, monkeypatch, capsys):

@@ -11,7 +11,7 @@ import pytest
 from benchmarks import axis_simulation
 from benchmarks.axis_simulation import compute_relative_residual
 from symid.identification.friction.estimators import fit_friction
-from symid.identification.friction.problem import FrictionOptions
+from symid.identification.friction.searches import FrictionOptions
 from symid.identification.friction.selection import select_law
 from symid.joint_models.friction_catalogue import get_law
 

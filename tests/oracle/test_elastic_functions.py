@@ -11,8 +11,8 @@ from symid.codegen.casadi_functions import build_functions
 from symid.codegen.functions import build_spring_vector
 from symid.codegen.library import load_library
 from symid.errors import UsageError
-from symid.joint_models import prandtl_ishlinskii
-from symid.joint_models.hysteresis import Elasticity, Knee, Stop
+from symid.joint_models import build_float_carrier, build_numpy_carrier, prandtl_ishlinskii
+from symid.joint_models.hysteresis import Elasticity, Knee, Stop, compute_outer_function, invert_spring
 from symid.robot import load_robot
 from symid.robot.toml_reader import parse_robot
 from tests.builds import build_shipped, make, run, write_c, write_python
@@ -89,8 +89,9 @@ def delay(states):
 
 def follow(elasticity, torques):
     """Return the plays of the inverse after every sample, from a virgin spring."""
-    inverse, _ = prandtl_ishlinskii.invert_play_model(prandtl_ishlinskii.build_play_model(elasticity))
-    values = prandtl_ishlinskii.invert_outer(prandtl_ishlinskii.read_spring_terms(elasticity), torques)
+    terms = prandtl_ishlinskii.read_spring_terms(elasticity)
+    inverse, *sides = invert_spring(build_float_carrier(), terms)
+    values = compute_outer_function(build_numpy_carrier(), torques, *sides)
     return prandtl_ishlinskii.compute_plays(values, np.array(inverse.thresholds))
 
 

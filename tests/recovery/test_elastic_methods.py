@@ -81,7 +81,8 @@ def test_elimination_needs_no_spring_and_agrees_with_the_two_steps(arm, problem)
 
 
 def test_joint_least_squares_on_energy_rows_recovers_all_parameters(plain, energy_problem):
-    design, work = energy_problem.design, energy_problem.compute_stop_work(energy_problem.thresholds)
+    thresholds = [data.thresholds for data in energy_problem.springs]
+    design, work = energy_problem.design, energy_problem.compute_stop_work(thresholds)
     supplied = energy_problem.supplied
     solution = solve_scaled(np.hstack([design, work]), supplied, rcond=1e-9)
     chi, stiffness = np.split(solution, [design.shape[1]])

@@ -14,7 +14,6 @@ if TYPE_CHECKING:
         MethodFit as MethodFit,
         SpringEstimate as SpringEstimate,
         build_method_fit as build_method_fit,
-        name_friction as name_friction,
     )
     from symid.identification.elastic.identify import (
         build_one_shot as build_one_shot,

@@ -12,7 +12,6 @@ not hold between samples, such as elements on grids.
 """
 
 import math
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, final
@@ -30,7 +29,7 @@ from symid.identification.hysteresis import differentiate_spring
 from symid.identification.judge import POLICY, compute_chance, numerics
 from symid.identification.regression import RankRule, compute_spectrum
 from symid.ipopt import Ending
-from symid.joint_models import NO_FRICTION, Elasticity, find_most_slope, get_law
+from symid.joint_models import Elasticity, find_most_slope
 from symid.serialization import Finite, keep_name
 
 
@@ -248,25 +247,6 @@ class ElasticEstimate(DynamicsRecord):
             covariance=covariance,
             notices=self.notices,
         )
-
-
-_LAWS = (
-    *("coulomb-viscous", "coulomb-viscous-offset", "asymmetric", "stribeck", "stribeck+offset"),
-    *("improved-stribeck", "asymmetric-stribeck", "cubic", "stribeck+cubic", "power-law", "makkar"),
-)
-"""Of robot files when estimates did not have the names of laws."""
-
-
-def name_friction(parameters: Sequence[str]) -> tuple[str, ...]:
-    """Return the friction models of joints whose parameters have these names; empty if unknown."""
-    numbers = [name.removeprefix("IA") for name in parameters if re.fullmatch(r"IA\d+", name)]
-    kinds = {tuple(entry.name for entry in get_law(law).linear): law for law in _LAWS} | {(): NO_FRICTION}
-    letters = {letter for names in kinds for letter in names}
-    found = [
-        tuple(name.removesuffix(number) for name in parameters if name in {f"{x}{number}" for x in letters})
-        for number in numbers
-    ]
-    return tuple(kinds[entry] for entry in found) if all(entry in kinds for entry in found) else ()
 
 
 STRETCHES = 100

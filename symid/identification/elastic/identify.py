@@ -295,7 +295,7 @@ def prepare_methods(
                 choice = replace(choice, fit=methods.choose_springs(work, choice.fit, hidden)[0])
         # As JSON would give them back, with the cut-offs that were chosen.
         cutoffs = [part.cutoff for part in work.problem.signals]
-        grid = [entry.tolist() for entry in work.problem.thresholds]
+        grid = [entry.thresholds.tolist() for entry in work.problem.springs]
         stated = method if isinstance(method, str) else fits[0].method
         settings = {**(echo or {}), "method": stated, **asdict(options), "cutoffs": cutoffs, "grid": grid}
         settings["rate"] = work.problem.options.filter_rate

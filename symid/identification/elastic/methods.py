@@ -27,7 +27,7 @@ from symid.arrays import FloatArray, compute_triangle
 from symid.codegen import Library
 from symid.errors import Notice
 from symid.identification.elastic import effects as drive_effects, elimination, estimate, regression, together
-from symid.identification.elastic.options import ElasticOptions
+from symid.identification.elastic.options import RATE, ElasticOptions
 from symid.identification.hysteresis import ElementPath, choose_spring
 from symid.identification.judge import POLICY, adjust_chances, compare, numerics
 from symid.logs import Recording, differentiate_smooth
@@ -129,7 +129,8 @@ def build_elastic_equations(
         UsageError: windows or thresholds do not fit.
     """
     band = regression.measure_motion_band(recordings)
-    options = regression.settle_rate(options, band)
+    if options.rate is None:
+        options = replace(options, rate=RATE * max(1.0, band / regression.BAND))
     # Recordings that are too short for the options are refused before anything is fitted to them.
     signals = [regression.prepare_elastic_signals(recording, options) for recording in recordings]
     known, bases = regression.read_known(library.card, options.known), len(library.card.beta)

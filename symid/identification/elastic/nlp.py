@@ -86,11 +86,6 @@ class NlpRun(FrozenArrays):
     reason: str
     certificate: Certificate
 
-    @property
-    def converged(self) -> bool:
-        """Return whether the run ended at an optimum."""
-        return self.outcome in {Ending.CONVERGED, Ending.ACCEPTABLE}
-
 
 def compute_scales(cost: ElasticNlpCost, x: FloatArray) -> FloatArray:
     """Return d (x,), SI units per scaled unknown: one over the length of each column at x."""
@@ -259,7 +254,7 @@ class NlpSetting:
 def prepare_setting(problem: ElasticProblem, options: NlpOptions, begin: MethodFit) -> NlpSetting:
     """Return the setting of the first round; stops and knees are those of `begin` where it has some."""
     springs = begin.elasticity
-    thresholds, knees = problem.thresholds, problem.options.knee_torques
+    thresholds, knees = tuple(data.thresholds for data in problem.springs), problem.options.knee_torques
     if any(spring.stops or spring.knees for spring in springs):
         thresholds = tuple(freeze([stop.threshold for stop in spring.stops]) for spring in springs)
         knees = tuple(tuple(knee.threshold for knee in spring.knees) for spring in springs)
@@ -411,7 +406,7 @@ def fit_nlp(
 
 
 def _list_notices(run: NlpRun, card: ModelCard, layout: NlpLayout) -> Iterator[Notice]:
-    if not run.converged:
+    if not run.outcome.converged:
         text = f"nlp did not converge: {run.reason}; its last point may be far off, try other methods"
         yield Notice(code="elastic.nlp-not-converged", text=text)
     # Dynamic parameters with one bound are known, and rigid joints have no spring.
@@ -474,21 +469,13 @@ class NlpVariable:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class NlpConstraint:
-    """A constraint: lower <= expression <= upper, infinite where there is no limit."""
-
-    expression: Any
-    lower: float
-    upper: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class NlpGraph:
     """The problem.
 
     Args:
         variables: by name, in the order of the layout, then those added.
-        residuals: (M_b, 1) of each block, in units of its scale; terms: added to the cost.
+        residuals: (M_b, 1) of each block, in units of its scale; terms: added to the cost; constraints: lower
+            limit, expression and upper limit of each, infinite where there is no limit.
         joints: their names; motions: for each block, those of its recording.
         blocks: the rows, each with its scale sigma.
     """
@@ -501,7 +488,7 @@ class NlpGraph:
     layout: NlpLayout
     options: NlpOptions
     terms: tuple[Any, ...] = ()
-    constraints: tuple[NlpConstraint, ...] = ()
+    constraints: tuple[tuple[float, Any, float], ...] = ()
 
     @property
     def rows(self) -> int:
@@ -646,8 +633,7 @@ def add_constraint(graph: NlpGraph, expression: Any, lower: float, upper: float)
     if not lower <= upper or lower == np.inf or upper == -np.inf or (lower, upper) == (-np.inf, np.inf):
         text = f"the limits {lower:g} and {upper:g} of a constraint: give one at least, the lower one first"
         raise UsageError(Notice(code="usage.constraint", text=text))
-    taken = _take(graph, expression, "the constraint")
-    added = NlpConstraint(expression=taken, lower=lower, upper=upper)
+    added = (lower, _take(graph, expression, "the constraint"), upper)
     return replace(graph, constraints=(*graph.constraints, added))
 
 
@@ -694,11 +680,11 @@ def solve_nlp_graph(graph: NlpGraph) -> NlpAnswer:
     entries = list(graph.variables.values())
     x, cost = casadi.vertcat(*(entry.symbol for entry in entries)), graph.cost
     start, lower, upper = np.array([(entry.start, entry.lower, entry.upper) for entry in entries]).T
-    limits = np.array([(entry.lower, entry.upper) for entry in graph.constraints]).reshape(-1, 2).T
+    limits = np.array([(low, high) for low, _, high in graph.constraints]).reshape(-1, 2).T
     problem = GraphProblem(
         unknowns=x,
         objective=cost,
-        constraints=casadi.vertcat(casadi.MX(0, 1), *(entry.expression for entry in graph.constraints)),
+        constraints=casadi.vertcat(casadi.MX(0, 1), *(one for _, one, _ in graph.constraints)),
         lower=lower,
         upper=upper,
         floor=limits[0],

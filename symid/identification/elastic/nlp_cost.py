@@ -124,11 +124,6 @@ class KneeSteps:
         before, after = self.starts @ slopes, self.ends @ slopes
         return before[:, None] * self.basis[:-1] + after[:, None] * self.basis[1:]
 
-    def compute_cross(self, multipliers: FloatArray) -> FloatArray:
-        """Return sum_i c_i d mean_i / dk (m + 1, slots) for multipliers c (N - 1,) of the steps."""
-        before, after = multipliers[:, None] * self.starts, multipliers[:, None] * self.ends
-        return self.basis[:-1].T @ before + self.basis[1:].T @ after
-
     def compute_curvature(self, multipliers: FloatArray, slopes: FloatArray) -> FloatArray:
         """Return sum_i c_i sum_j s_j d2 mean_ij / dk2 (m + 1, m + 1)."""
         total = np.zeros((self.basis.shape[1],) * 2)
@@ -362,16 +357,6 @@ class SpringLayout:
         """Return the knees along a recording, `basis` (N, m + 1), of the unknowns x (x,)."""
         return build_knee_steps(basis, x[self.weights], list(zip(self.knees, self.slots, strict=True)))
 
-    def build_spring(self, values: FloatArray, least: float) -> joint_models.Elasticity:
-        """Return the spring of the unknowns `values` (x,); weights up to `least` N m/rad are zero."""
-        weights, changes = values[self.weights], self.compute_changes(values).tolist()
-        knees = sorted(zip(self.knees, (changes[slot] for slot in self.slots), strict=True))
-        return joint_models.Elasticity(
-            stiffness=float(weights[0]),
-            stops=build_stops(self.thresholds, weights[1:], least),
-            knees=tuple(joint_models.Knee(threshold=torque, slope=slope) for torque, slope in knees if slope),
-        )
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SpringGrid:
@@ -503,8 +488,14 @@ class NlpLayout:
 
     def read_springs(self, x: FloatArray, least: FloatArray) -> tuple[joint_models.Elasticity, ...]:
         """Return the springs of the unknowns x (x,); weights up to `least` (n,) N m/rad are zero."""
-        pairs = zip(self.springs, least.tolist(), strict=True)
-        return tuple(spring.build_spring(x, limit) for spring, limit in pairs)
+        found = []
+        for spring, limit in zip(self.springs, least.tolist(), strict=True):
+            weights, changes = x[spring.weights], spring.compute_changes(x).tolist()
+            knees = sorted(zip(spring.knees, (changes[slot] for slot in spring.slots), strict=True))
+            stops = build_stops(spring.thresholds, weights[1:], limit)
+            bends = tuple(joint_models.Knee(threshold=torque, slope=bend) for torque, bend in knees if bend)
+            found.append(joint_models.Elasticity(stiffness=float(weights[0]), stops=stops, knees=bends))
+        return tuple(found)
 
 
 Places = NDArray[np.intp]
@@ -608,14 +599,14 @@ class ElasticNlpCost:
     def compute_gradient(self, state: CostState) -> FloatArray:
         """Return df/dx (x,)."""
         gradient = np.zeros(self.layout.size)
-        for r, place, jacobian, sigma in self.list_blocks(state):
+        for r, place, jacobian, sigma in zip(*state[:3], self.sigmas, strict=True):
             gradient[place] += jacobian.T @ r / sigma**2
         return gradient / self.rows
 
     def compute_gauss_newton(self, state: CostState) -> FloatArray:
         """Return the Hessian (x, x) without second derivatives of the residuals."""
         hessian = np.zeros((self.layout.size,) * 2)
-        for _, place, jacobian, sigma in self.list_blocks(state):
+        for _, place, jacobian, sigma in zip(*state[:3], self.sigmas, strict=True):
             hessian[np.ix_(place, place)] += jacobian.T @ jacobian / sigma**2
         return hessian / self.rows
 
@@ -636,7 +627,9 @@ class ElasticNlpCost:
                     drags[joint] += sums.spread(rows)
             for spring, steps, pull in zip(self.layout.springs, knees, pulls, strict=True):
                 if spring.knees:
-                    cross = steps.compute_cross(pull) @ spring.changes
+                    # Of the means by weights and changes of slope.
+                    before, after = pull[:, None] * steps.starts, pull[:, None] * steps.ends
+                    cross = (steps.basis[:-1].T @ before + steps.basis[1:].T @ after) @ spring.changes
                     hessian[spring.weights, spring.slopes] += cross
                     hessian[spring.slopes, spring.weights] += cross.T
                     bend = steps.compute_curvature(pull, spring.compute_changes(x))
@@ -648,10 +641,6 @@ class ElasticNlpCost:
                 hessian[speed, excess] += mixed
                 hessian[speed, speed] += x[excess] * float(drags[joint] @ rates[:, 2])
         return hessian
-
-    def list_blocks(self, state: CostState) -> Iterator[tuple[FloatArray, Places, FloatArray, float]]:
-        """Yield residual, places, Jacobian and scale of every block."""
-        return zip(state.residuals, state.places, state.jacobians, self.sigmas, strict=True)
 
     def weigh(self, residuals: Sequence[FloatArray], chi: FloatArray) -> "ElasticNlpCost":
         """Return the cost with the rms of these residuals (M_b,) of every block as its scale."""
@@ -686,7 +675,8 @@ class ElasticNlpCost:
         size = len(x) + len(places)
         curvature, scores = np.zeros((size, size)), np.zeros((len(self.recordings), STRETCHES, size))
         owners = [index for index, part in enumerate(self.recordings) for _ in part.blocks]
-        for number, (residual, known, jacobian, sigma) in enumerate(self.list_blocks(state)):
+        blocks = zip(*state[:3], self.sigmas, strict=True)
+        for number, (residual, known, jacobian, sigma) in enumerate(blocks):
             rows = np.zeros((len(residual), size))
             rows[:, known] = jacobian
             for column, slopes in enumerate(places, start=len(x)):

@@ -5,11 +5,11 @@ Not supported: another hysteresis model for each joint. Loads nothing heavy: the
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from numbers import Real
 
-from symid.errors import Notice, UsageError
+from symid.errors import UsageError
 from symid.identification.judge import numerics
 
 METHODS = ("automatic", "two-step", "nlp")
@@ -68,7 +68,7 @@ class NlpOptions:
             mistakes.append(f"slopes {self.slopes}: {text}")
         if not 0.0 <= self.smoothing < math.inf:
             mistakes.append(f"smoothing {self.smoothing:g}: must be a speed in rad/s or m/s, or 0")
-        _refuse("usage.nlp-option", mistakes)
+        UsageError.refuse(mistakes, code="usage.nlp-option")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,7 +126,7 @@ class ElasticOptions:
             for name, value in dict[str, object](self.known).items()
             if not (isinstance(value, Real) and math.isfinite(value))
         ]
-        _refuse("usage.elastic-option", mistakes)
+        UsageError.refuse(mistakes, code="usage.elastic-option")
 
     @property
     def filter_rate(self) -> float:
@@ -147,12 +147,7 @@ def check_grids(options: ElasticOptions, joints: int) -> None:
         for name, grid in given.items()
         if grid is not None and len(grid) != joints
     ]
-    _refuse("usage.elastic-option", mistakes)
-
-
-def _refuse(code: str, mistakes: Sequence[str]) -> None:
-    if mistakes:
-        raise UsageError(*(Notice(code=code, text=text) for text in mistakes))
+    UsageError.refuse(mistakes, code="usage.elastic-option")
 
 
 def _list_mistakes(options: object, *, positive: Mapping[str, str], counts: Mapping[str, int]) -> list[str]:

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, FrozenArrays, compute_triangle, freeze
 from symid.codegen import Library, ModelCard, ParameterCard, run_compiled_branch
 from symid.errors import LogError, Notice, UsageError
+from symid.identification import regression
 from symid.identification.elastic.options import RATE, ElasticOptions, check_grids
 from symid.identification.hysteresis import (
     SpringData,
@@ -42,13 +43,6 @@ from symid.identification.hysteresis import (
     refine_spring,
 )
 from symid.identification.judge import POLICY, numerics
-from symid.identification.regression import (
-    RankRule,
-    fill_load,
-    list_measured_joints,
-    list_resting_joints,
-    measure_scoring_band,
-)
 from symid.joint_models import (
     Elasticity,
     compute_hysteresis_torque,
@@ -61,7 +55,7 @@ from symid.joint_models import (
 from symid.logs import Recording, describe_uneven, differentiate_smooth, low_pass, shift_channel
 from symid.robot import Processing, suggest_names
 
-_BAND = 20.0
+BAND = 20.0
 """Hz, in which arms move, and in which white noise of the torque outweighs that of encoders."""
 _ABOVE = 1.25
 """Of the cut-off of the states to that band's edge: what rows tell of must pass nearly unchanged, with most
@@ -88,12 +82,7 @@ def count_edge(period: float, cutoff: float) -> int:
 
 def choose_edge(period: float, band: float) -> float:
     """Return the edge in Hz of what rows tell of: above the `band` of the motion, as far as samples reach."""
-    return min(max(_BAND, band), POLICY.row_band / period)
-
-
-def settle_rate(options: ElasticOptions, band: float) -> ElasticOptions:
-    """Return options whose filter of rows has a rate: by the `band` of the motion in Hz if none is given."""
-    return replace(options, rate=RATE * max(1.0, band / _BAND)) if options.rate is None else options
+    return min(max(BAND, band), POLICY.row_band / period)
 
 
 def measure_motion_band(recordings: Sequence[Recording]) -> float:
@@ -105,7 +94,9 @@ def measure_motion_band(recordings: Sequence[Recording]) -> float:
     speeds = [np.sqrt(np.mean(np.diff(side, axis=0) ** 2, axis=0)) / part.period for part, side in sides]
     moves = [speed > MOVES * np.max(speeds) for speed in speeds]
     found = (
-        measure_scoring_band([Recording(time=part.time, position=side[:, own], torque=side[:, own])])
+        regression.measure_scoring_band(
+            [Recording(time=part.time, position=side[:, own], torque=side[:, own])]
+        )
         for (part, side), own in zip(sides, moves, strict=True)
         if np.any(own)
     )
@@ -238,7 +229,7 @@ def prepare_elastic_signals(
     # Encoders that are not round.
     link = link - _add_waves(link, effects, "link-eccentricity")
     sides = [replace(recording, position=side, motor_position=None) for side in (motor, link)]
-    resting = sorted(set.intersection(*(set(list_resting_joints(side)) for side in sides)))
+    resting = sorted(set.intersection(*(set(regression.list_resting_joints(side)) for side in sides)))
     if resting:
         motor, link = motor.copy(), link.copy()
         for side in (motor, link):
@@ -301,7 +292,7 @@ def prepare_elastic_signals(
 
 def fill_motor_loads(library: Library, logs: Sequence[Recording], beta: FloatArray) -> tuple[Recording, ...]:
     """Return logs with torques tau_J of links (p,), where friction reads them and none were measured."""
-    measured = list_measured_joints(logs)
+    measured = regression.list_measured_joints(logs)
     if "load" not in library.card.friction_inputs or all(measured):
         return tuple(logs)
     found = []
@@ -310,7 +301,7 @@ def fill_motor_loads(library: Library, logs: Sequence[Recording], beta: FloatArr
         q = pass_band(get_encoder_positions(recording)[1], period, choose_edge(period, 0.0))
         dq = differentiate_smooth(q, period)
         (load,) = library.evaluate("inverse_dynamics", q, dq, differentiate_smooth(dq, period), beta)
-        found.append(replace(recording, load=fill_load(recording.load, load, measured)))
+        found.append(replace(recording, load=regression.fill_load(recording.load, load, measured)))
     return tuple(found)
 
 
@@ -582,8 +573,7 @@ def read_known(card: ModelCard, known: Mapping[str, float]) -> FloatArray:
     ]
     below = np.flatnonzero(values < list_lower_bounds(card))
     mistakes += [f"known {names[place]} {values[place]:g}: must not be negative" for place in below]
-    if mistakes:
-        raise UsageError(*(Notice(code="usage.elastic-option", text=text) for text in mistakes))
+    UsageError.refuse(mistakes, code="usage.elastic-option")
     return np.where(rigid, 0.0, values)
 
 
@@ -609,7 +599,7 @@ def solve_with_signs(
         found = solve_with_signs(card, np.where(free, matrix, 0.0), right - matrix @ values)
         return np.asarray(np.where(free, found, values))
     lengths = np.linalg.norm(matrix, axis=0)
-    rule = RankRule()
+    rule = regression.RankRule()
     alive: NDArray[np.bool_] = lengths > rule.zero * max(float(lengths.max(initial=0.0)), numerics.TINY)
     scales = np.where(alive, lengths, 1.0)
     triangle = compute_triangle(np.column_stack([np.where(alive, matrix, 0.0) / scales, right]))
@@ -635,7 +625,7 @@ class ElasticProblem:
 
     Args:
         signals, energy, filtered: one entry a recording.
-        thresholds, springs: (m_i,) and stop basis of every joint.
+        springs: stop basis of every joint.
         supplied: (m,) J; design: (m, p + n + pf), the energy rows of all recordings.
         limits: (n,) rad/s or m/s, at and below which motors are not trusted to slide; 0 for none.
         known: (p + n + pf,) of the dynamic parameters, NaN where they are to be found.
@@ -646,7 +636,6 @@ class ElasticProblem:
     signals: tuple[ElasticSignals, ...]
     energy: tuple[EnergyWindows, ...]
     filtered: tuple[FilteredRows, ...]
-    thresholds: tuple[FloatArray, ...]
     springs: tuple[SpringData, ...]
     supplied: FloatArray
     design: FloatArray
@@ -766,7 +755,6 @@ def build_elastic_problem(
         signals=tuple(signals),
         energy=energy,
         filtered=filtered,
-        thresholds=tuple(data.thresholds for data in springs),
         springs=springs,
         supplied=freeze(np.concatenate([rows.supplied for rows in energy])),
         design=freeze(np.vstack([rows.design for rows in energy])),

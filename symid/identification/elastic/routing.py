@@ -113,18 +113,6 @@ def build_motor_recording(recording: Recording, robot: Robot) -> Recording:
     )
 
 
-def check_motor_side(robot: Robot, recordings: Sequence[Recording]) -> None:
-    """Raise LogError for logs whose one position is that of the links by the name of its columns."""
-    stated = (robot.log.position, robot.log.link_position)
-    columns, known = (() if quantity is None else quantity.columns for quantity in stated)
-    if not columns or not all(name in known or _LINK_NAME.fullmatch(name) for name in columns):
-        return
-    text = f"its one position ({', '.join(columns)}) is that of the links, but friction and rotors turn with "
-    text += "the motors: elastic joints cannot be identified from it. Name the columns of the motors in "
-    text += "[log.motor_position], or in [log.position] alone"
-    raise LogError(*(Notice(code="elastic.link-side", text=text, file=entry.source) for entry in recordings))
-
-
 def warn_of_rotors(parameters: Sequence[ParameterEstimate]) -> tuple[Notice, ...]:
     """Return a warning where rotor inertias are negative, which no motor has."""
     names = [entry.name for entry in parameters if _ROTOR_NAME.fullmatch(entry.name) and entry.value < 0.0]
@@ -207,9 +195,18 @@ def choose_route(
         text += "--method stiffness"
         raise UsageError(Notice(code="usage.method", text=text))
     _refuse_options(elastic, f"{robot.name!r}, identified as rigid")
-    if any(robot.elastic) and without:
-        check_motor_side(robot, recordings)
-    return "motor-side" if any(robot.elastic) else "rigid"
+    if not any(robot.elastic):
+        return "rigid"
+    stated = (robot.log.position, robot.log.link_position)
+    columns, known = (() if quantity is None else quantity.columns for quantity in stated)
+    if without and columns and all(name in known or _LINK_NAME.fullmatch(name) for name in columns):
+        text = (
+            f"its one position ({', '.join(columns)}) is that of the links, but friction and rotors turn "
+            "with the motors: elastic joints cannot be identified from it. Name the columns of the motors in "
+            "[log.motor_position], or in [log.position] alone"
+        )
+        raise LogError(*(Notice(code="elastic.link-side", text=text, file=one.source) for one in recordings))
+    return "motor-side"
 
 
 def _refuse_options(given: Sequence[str], what: str) -> None:

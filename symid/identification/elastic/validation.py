@@ -225,10 +225,6 @@ class TrackingRun(FrozenArrays):
         return np.asarray(np.max(np.abs(self.error), axis=0))
 
 
-SpringCounts = tuple[int, int, int]
-"""How many stops, and knees below and above zero torque, the springs of one joint have."""
-
-
 def simulate_tracking(
     robot: Robot,
     library: Library,
@@ -275,8 +271,8 @@ def simulate_tracking(
     return tuple(runs)
 
 
-def _count(springs: Sequence[Elasticity]) -> SpringCounts:
-    """Return the largest numbers in any of the springs, up to a power of two: many share one function."""
+def _count(springs: Sequence[Elasticity]) -> tuple[int, int, int]:
+    """Return the most stops, knees below and above zero of springs, as powers of two: many share code."""
     numbers = [
         (len(spring.stops), below, len(spring.knees) - below)
         for spring in springs
@@ -287,7 +283,9 @@ def _count(springs: Sequence[Elasticity]) -> SpringCounts:
     return stops, below, above
 
 
-def widen_springs(elasticity: Sequence[Elasticity], counts: Sequence[SpringCounts]) -> tuple[Elasticity, ...]:
+def widen_springs(
+    elasticity: Sequence[Elasticity], counts: Sequence[Sequence[int]]
+) -> tuple[Elasticity, ...]:
     """Return springs of the same torque with more stops and knees, which have no effect."""
 
     def extend(places: list[float], least: int, first: float) -> list[float]:

@@ -22,13 +22,12 @@ if TYPE_CHECKING:
         FrictionEstimate as FrictionEstimate,
         FrictionSamples as FrictionSamples,
         FrictionSearch as FrictionSearch,
-        compute_law_sensitivities as compute_law_sensitivities,
         compute_sensitivities as compute_sensitivities,
         compute_uncertainty as compute_uncertainty,
         is_one_sided as is_one_sided,
     )
     from symid.identification.friction.poses import CONFIDENCE as CONFIDENCE, PoseTest as PoseTest
-    from symid.identification.friction.problem import (
+    from symid.identification.friction.searches import (
         FrictionOptions as FrictionOptions,
         FrictionProblem as FrictionProblem,
         Projection as Projection,

@@ -15,17 +15,22 @@ from typing import Any
 import numpy as np
 import scipy
 
+from symid import joint_models
 from symid.arrays import FloatArray, compute_triangle
 from symid.errors import Notice, SolverError, UsageError
 from symid.identification.estimators import ParameterEstimate
 from symid.identification.friction import joint_fit, searches
 from symid.identification.friction.joint_fit import FrictionEstimate, FrictionSamples, FrictionSearch
 from symid.identification.friction.presliding import fit_memory
-from symid.identification.friction.problem import SPEED_UNITS, FrictionOptions, FrictionProblem, build_problem
+from symid.identification.friction.searches import (
+    SPEED_UNITS,
+    FrictionOptions,
+    FrictionProblem,
+    build_problem,
+)
 from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import solve_scaled
 from symid.ipopt import Ending
-from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_columns
 
 
 def list_refusals(
@@ -80,7 +85,7 @@ def list_refusals(
     if place is not None and "dq0" in refused:
         # What acts only inside the zone about standstill is refused with the zone.
         beyond = np.abs(samples.velocity) >= search.shape[place]
-        columns = compute_columns(law, samples.inputs, search.shape)
+        columns = joint_models.compute_columns(law, samples.inputs, search.shape)
         inside = np.flatnonzero(~np.any(columns[beyond], axis=0)).tolist()
         reason = f"it acts only inside the zone about standstill, and {refused['dq0']}"
         for name in _list_dependents(law, inside, []):
@@ -92,7 +97,7 @@ def _refuse_shapes(problem: FrictionProblem, search: FrictionSearch, unit: str) 
     """Return the reason for every shape value, and what depends on it, that the samples do not show."""
     law, samples = problem.law, problem.samples
     refused: dict[str, str] = {}
-    rates = compute_column_derivatives(law, samples.inputs, search.shape)
+    rates = joint_models.compute_column_derivatives(law, samples.inputs, search.shape)
     size = np.max(np.abs(rates), axis=0, initial=0.0)
     whole = problem.compute_columns(search.shape)
     freedom = max(len(problem.target) - len(law.physical) - len(samples.extra_names), 1)
@@ -124,7 +129,7 @@ def _refuse_shapes(problem: FrictionProblem, search: FrictionSearch, unit: str) 
     return refused
 
 
-def _list_dependents(law: FrictionLaw, terms: list[int], places: list[int]) -> list[str]:
+def _list_dependents(law: joint_models.FrictionLaw, terms: list[int], places: list[int]) -> list[str]:
     """Return names of physical parameters that hold one of the shape values or of the linear terms."""
     lost = {*terms, *(len(law.linear) + place for place in places)}
     entries = zip(law.physical, law.mixing, strict=True)
@@ -226,7 +231,7 @@ SEARCHES = {DEFAULT_ESTIMATOR: searches.search_by_projection, "nlp": searches.se
 
 def fit_friction(
     samples: FrictionSamples,
-    law: FrictionLaw,
+    law: joint_models.FrictionLaw,
     *,
     estimator: str = DEFAULT_ESTIMATOR,
     options: FrictionOptions | None = None,
@@ -248,7 +253,7 @@ def fit_friction(
     return build_estimate(problem, SEARCHES[estimator](problem, options), estimator)
 
 
-def check_estimator(estimator: str, law: FrictionLaw | None = None) -> None:
+def check_estimator(estimator: str, law: joint_models.FrictionLaw | None = None) -> None:
     """Raise UsageError for an unknown estimator, or one that cannot fit a law."""
     if law is not None and law.memory and (estimator != DEFAULT_ESTIMATOR or law.smoothing):
         text = f"friction model {law.name!r} has a state: it is fitted without smoothing, by the estimator "
@@ -266,8 +271,9 @@ def build_estimate(problem: FrictionProblem, search: FrictionSearch, estimator: 
         text = f"estimator {estimator!r}, joint {samples.joint!r}: {search.ended} ({search.outcome.value})"
         raise SolverError(Notice(code="friction.solver", text=text))
     # p + s + r rows with the lengths and angles of all columns; factors of least norm beside the law.
-    beside, count = samples.beside, len(search.linear) + len(search.shape)
-    own = joint_fit.compute_sensitivities(samples, law, search.linear, search.shape)[:, :count]
+    beside = samples.beside
+    law_columns = joint_models.compute_law_sensitivities(law, samples.inputs, search.linear, search.shape)
+    own = samples.pass_columns(law_columns)
     inside = beside.basis.T @ own
     rest = compute_triangle(own - beside.basis @ inside)
     below = np.zeros((len(rest), beside.parts.shape[1]))

@@ -258,10 +258,8 @@ class JointLogs:
 
 ROTOR = "IA"
 """Name of the inertia of a joint's own rotor, on the side of the joint."""
-_PHYSICAL = {"J": "J ddq", "a": "a sin q", "b": "b cos q"}
-
-
-_SLOW = "identify.slow-rows"
+PHYSICAL = {"J": "J ddq", "a": "a sin q", "b": "b cos q"}
+SLOW = "identify.slow-rows"
 
 
 class ExtractedJoint(NamedTuple):
@@ -281,11 +279,6 @@ class ExtractedJoint(NamedTuple):
     def all_rows(self) -> FrictionSamples:
         """Return the samples with slow rows."""
         return self.whole.select_rows(~self.bad) if self.bad.any() else self.whole
-
-    def keep_slow(self) -> "ExtractedJoint":
-        """Return the joint with slow rows among those that count."""
-        notices = tuple(entry for entry in self.notices if entry.code != _SLOW)
-        return self._replace(samples=self.all_rows, kept=~self.bad, notices=notices)
 
 
 def describe_cutoffs(logs: JointLogs) -> tuple[Notice, ...]:
@@ -398,7 +391,7 @@ def extract_joint(
         text += f"{standstill:g} {'m/s' if samples.prismatic else 'rad/s'} were left out "
         text += "(processing.standstill), below which friction is extrapolated. If no joint sticks, keep "
         text += "them with --set processing.standstill=0"
-        notices.append(Notice(code=_SLOW, text=text))
+        notices.append(Notice(code=SLOW, text=text))
     if count > 6:
         text = f"joint {card.name!r}: {count} columns of the rigid part were fitted jointly, which can bias "
         text += "friction. Move one joint at a time, or give the base parameters of all joints with --known"
@@ -445,7 +438,7 @@ def _treat_rigid(
     physical = [among[k] for k in list_independent(triangle[:, among])]
     if chosen and len(physical) == len(chosen):
         chosen = physical
-        sentence = f"the rigid part {' + '.join(_PHYSICAL[every[k].name] for k in chosen)} was fitted jointly"
+        sentence = f"the rigid part {' + '.join(PHYSICAL[every[k].name] for k in chosen)} was fitted jointly"
     rigid = [every[k] for k in chosen]
     samples = logs.build_samples(joint, runs, [*rigid, *fitted])
     if not (size := len(rigid)):

@@ -35,7 +35,7 @@ from symid.identification.friction.estimators import DEFAULT_ESTIMATOR, check_es
 from symid.identification.friction.extraction import ExtractedJoint, JointLogs
 from symid.identification.friction.joint_fit import FrictionEstimate, FrictionSamples
 from symid.identification.friction.poses import PoseTest, compare_poses, warn_of_friction_pattern
-from symid.identification.friction.problem import FrictionOptions
+from symid.identification.friction.searches import FrictionOptions
 from symid.identification.friction.selection import (
     CANDIDATE_LAWS,
     measure_motion,
@@ -324,7 +324,9 @@ def _identify_joint(
     law = get_law(name, smoothing=task.smoothing)
     check_inputs(samples, law)
     if law.memory:
-        extracted = extracted.keep_slow()
+        # Slow rows count, too.
+        notices = tuple(entry for entry in extracted.notices if entry.code != extraction.SLOW)
+        extracted = extracted._replace(samples=extracted.all_rows, kept=~extracted.bad, notices=notices)
         samples = extracted.samples
     if estimate is None or task.estimator != estimate.estimator or task.options.bounds:
         estimate = fit_friction(samples, law, estimator=task.estimator, options=task.options)
@@ -421,9 +423,6 @@ def warn_of_inertia(estimate: FrictionEstimate) -> tuple[Notice, ...]:
         reason = "the torque may have the wrong sign or unit, or the friction law is incomplete. Check the "
         reason += "log's columns (log.torque) and scales"
     return (Notice(code="friction.negative-inertia", text=f"{size}; {reason}"),)
-
-
-_PHYSICAL = ("J", "a", "b")
 
 
 def validate_friction(
@@ -530,7 +529,8 @@ def _build_samples(
     own = {parameter.name for parameter in get_law(estimate.law).physical}
     given = {parameter.name for parameter in estimate.extra}
     given |= {name for name, _ in estimate.refused if name not in own}
-    order = dict.fromkeys((*_PHYSICAL, *(one.name for one in rigid), *(one.name for one in card.friction)))
+    beside = [*(one.name for one in rigid), *(one.name for one in card.friction)]
+    order = dict.fromkeys((*extraction.PHYSICAL, *beside))
     names = [name for name in order if name in given]
     if len(names) != len(estimate.other) or len(names) != len(given):
         text = f"joint {entry.joint!r}: beside friction {', '.join(sorted(given)) or 'nothing'} was fitted "
@@ -562,7 +562,7 @@ def _build_samples(
     # Base parameters that were fitted one by one hold at every pose.
     if card.size == 1 or not names or acting <= set(names):
         return samples, ()
-    which = ", ".join(names) if set(names) <= set(_PHYSICAL) else f"{len(names)} columns"
+    which = ", ".join(names) if set(names) <= set(extraction.PHYSICAL) else f"{len(names)} columns"
     text = f"joint {entry.joint!r}: its rigid part ({which}) was fitted jointly and holds at the poses of "
     text += "the fitted logs. For others identify the base parameters, and friction with --known"
     return samples, (Notice(code="validate.friction-pose", text=text),)

@@ -17,7 +17,7 @@ correlated noise behind R (see `poses`).
 """
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -30,7 +30,7 @@ from symid.errors import IdentifiabilityError, LogError, Notice
 from symid.identification.estimators import ParameterEstimate
 from symid.identification.judge import POLICY, numerics
 from symid.ipopt import Ending
-from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_columns
+from symid.joint_models import FrictionLaw, compute_columns, compute_law_sensitivities
 from symid.logs import decimate
 from symid.robot import Decimation
 from symid.serialization import HIDDEN, name_key
@@ -90,8 +90,7 @@ class FrictionSamples:
                 mistakes.append(f"{joint}: {name} holds numbers that are not finite")
         if len(self.extra_units) not in {0, len(self.extra_names)}:
             mistakes.append(f"{joint}: extra_units must be one for each of extra_names, or none")
-        if mistakes:
-            raise LogError(*(Notice(code="friction.samples", text=text) for text in mistakes))
+        LogError.refuse(mistakes, code="friction.samples")
 
     @property
     def count(self) -> int:
@@ -338,16 +337,6 @@ def compute_sensitivities(
     """Return F behind R: (M, p + s + k)."""
     own = compute_law_sensitivities(law, samples.inputs, linear, shape)
     return np.hstack([samples.pass_columns(own), samples.rows.extra])
-
-
-def compute_law_sensitivities(
-    law: FrictionLaw, inputs: Mapping[str, FloatArray], linear: Values, shape: Values
-) -> FloatArray:
-    """Return the derivatives of a law's torque by (linear, shape): (N, p + s)."""
-    values = [float(value) for value in shape]
-    rates = compute_column_derivatives(law, inputs, values)
-    sensitivity = np.einsum("nps,p->ns", rates, np.asarray(linear, dtype=np.float64))
-    return np.hstack([compute_columns(law, inputs, values), sensitivity])
 
 
 def compute_uncertainty(

@@ -15,11 +15,12 @@ Not supported: noise whose size changes with velocity, other than over blocks.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 import scipy
 
-from symid.arrays import FloatArray, FrozenArrays
+from symid.arrays import FloatArray
 from symid.errors import Notice, SymidError
 from symid.identification.diagnostics import build_warning, sum_block_scores
 from symid.identification.friction import joint_fit
@@ -28,12 +29,11 @@ from symid.identification.friction.extraction import JointLogs, extract_joint
 from symid.identification.friction.joint_fit import FrictionEstimate, FrictionSamples
 from symid.identification.friction.selection import predict_rows
 from symid.identification.judge import POLICY, adjust_chances, numerics
-from symid.joint_models import FrictionLaw, compute_friction_torque
+from symid.joint_models import FrictionLaw, compute_friction_torque, compute_law_sensitivities
 from symid.serialization import name_key
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class PatternCovariance(FrozenArrays):
+class PatternCovariance(NamedTuple):
     """Covariances (n, n) of (linear, shape, other): white noise, blocks of rows, an autoregression.
 
     `freedom` is rows less unknowns, `block_freedom` blocks less one.
@@ -291,7 +291,7 @@ def _measure_change(law: FrictionLaw, fits: Sequence[_PoseFit]) -> tuple[float, 
     curves, bands = [], []
     for estimate, _, covariance, _ in fits:
         linear, shape = estimate.linear, estimate.shape
-        own = joint_fit.compute_law_sensitivities(law, inputs, linear, shape)
+        own = compute_law_sensitivities(law, inputs, linear, shape)
         beside = np.zeros((len(own), len(estimate.other)))
         deviations, freedom = covariance.compute_deviations(np.hstack([own, beside]))
         bands.append(deviations * scipy.stats.t.ppf(0.975, freedom))

@@ -62,11 +62,6 @@ class BristlePath(NamedTuple):
     begins: list[int]
     sides: tuple[int, ...]
 
-    def list_starts(self, number: int) -> "list[BristlePath]":
-        """Return the path with every side where recording `number` begins."""
-        before, after = self.sides[:number], self.sides[number + 1 :]
-        return [self._replace(sides=(*before, side, *after)) for side in (0, 1, -1)]
-
 
 def build_path(samples: FrictionSamples) -> BristlePath:
     """Return the path of the samples; an IdentifiabilityError where nothing can bend."""
@@ -261,7 +256,8 @@ class MemoryProblem:
 def _choose_starts(problem: MemoryProblem, measure: Callable[[MemoryProblem], float]) -> MemoryProblem:
     """Return the problem with the memory at the beginning of every recording that leaves least."""
     for number in range(len(problem.path.sides)):
-        paths = problem.path.list_starts(number)
+        before, after = problem.path.sides[:number], problem.path.sides[number + 1 :]
+        paths = (problem.path._replace(sides=(*before, side, *after)) for side in (0, 1, -1))
         problem = min((replace(problem, path=path) for path in paths), key=measure)
     return problem
 
@@ -290,20 +286,17 @@ def _list_nodes(problem: MemoryProblem) -> list[Sequence[float]]:
     return [*grid[:, None].tolist(), *falls]
 
 
-def _join_elements(problem: MemoryProblem, shape: FloatArray) -> FloatArray:
-    """Return unknowns with the elements that have a stiffness alone, neighbours among them as one."""
-    grid, falling = np.split(shape, [problem.lengths])
-    stiffness = problem.fit(shape).linear[: len(grid)]
-    there = np.flatnonzero(stiffness > 0.0)
-    groups = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1) if len(there) else []
-    joined = [float(np.exp(np.average(np.log(grid[k]), weights=stiffness[k]))) for k in groups]
-    return np.array([*joined, *falling])
-
-
 def _move_elements(problem: MemoryProblem, shape: FloatArray) -> tuple[MemoryProblem, _Search]:
     """Return the better of joined elements and of all of a grid, without those that carry next to nothing."""
     rows, trials = len(problem.samples.rows.torque), list[tuple[float, MemoryProblem, _Search]]()
     tail = len(shape) - problem.lengths
+    # Elements that have a stiffness alone, neighbours among them as one.
+    grid, falling = np.split(shape, [problem.lengths])
+    stiffness = problem.fit(shape).linear[: len(grid)]
+    there = np.flatnonzero(stiffness > 0.0)
+    groups = np.split(there, np.flatnonzero(np.diff(there) > 1) + 1) if len(there) else []
+    means = [float(np.exp(np.average(np.log(grid[k]), weights=stiffness[k]))) for k in groups]
+    joined = np.array([*means, *falling])
 
     def keep(search: _Search) -> None:
         count = len(search.shape) - tail
@@ -315,7 +308,7 @@ def _move_elements(problem: MemoryProblem, shape: FloatArray) -> tuple[MemoryPro
         kept = carried > least * carried.sum()
         return np.asarray(shape[np.append(kept, np.ones(tail, dtype=np.bool_))])
 
-    for start in (_join_elements(problem, shape), strip(problem, shape, 0.0)):
+    for start in (joined, strip(problem, shape, 0.0)):
         keep(replace(problem, lengths=len(start) - tail).move(start, 0))
     _, best, search = min(trials, key=lambda trial: trial[0])
     shape = strip(best, search.shape, POLICY.relevance)
@@ -340,11 +333,8 @@ def fit_memory(samples: FrictionSamples, law: FrictionLaw) -> MemoryFit:
     Raises:
         IdentifiabilityError: no positions, nothing moves, nothing slips, or fewer rows than unknowns.
     """
-    path, count, damped = (
-        build_path(samples),
-        len(samples.rows.torque),
-        len(law.memory) > 1 and not law.elements,
-    )
+    path, count = build_path(samples), len(samples.rows.torque)
+    damped = len(law.memory) > 1 and not law.elements
     lengths, exponents = _NODES if law.elements else 1, _EXPONENTS if law.shape else _EXPONENTS[:1]
     unknowns = lengths + len(law.linear) + len(law.shape) + damped + samples.rows.extra.shape[1]
     if count <= unknowns:
@@ -379,11 +369,13 @@ def fit_memory(samples: FrictionSamples, law: FrictionLaw) -> MemoryFit:
 
 
 def _build_fit(problem: MemoryProblem, shape: FloatArray, tried: int) -> MemoryFit:
-    samples, rows, found = problem.samples, problem.samples.rows, problem.fit(shape)
-    law, linear = problem.law, problem.list_values(found.linear, shape)[0]
-    if not linear[[entry.name for entry in law.linear].index("Fc")] > 0.0:
-        text = f"joint {samples.joint!r}: these samples show no dry friction with the hysteresis of "
-        text += f"{law.name!r}"
+    """Return what the unknowns (s,) say, after so many were `tried`."""
+    samples, law, rows, found = problem.samples, problem.law, problem.samples.rows, problem.fit(shape)
+    coulomb = problem.list_values(found.linear, shape)[0][[entry.name for entry in law.linear].index("Fc")]
+    if not coulomb > 0.0:
+        text = (
+            f"joint {samples.joint!r}: these samples show no dry friction with the hysteresis of {law.name!r}"
+        )
         raise IdentifiabilityError(Notice(code="friction.presliding-nothing", text=text))
     size, count = len(shape), len(found.linear)
     own = problem.compute_columns(shape)
@@ -396,7 +388,7 @@ def _build_fit(problem: MemoryProblem, shape: FloatArray, tried: int) -> MemoryF
     parts, _ = joint_fit.cut_parts(rows)
     steps, lost = leave_out(design, found.left, parts, np.arange(len(parts)))
     changes = compute_changes(steps)
-    # What every part changes of all unknowns, then of the law's values.
+    # What every part changes of all unknowns, then of the law's values: linear, shape, state and other ones.
     whole = np.zeros((len(changes), size + count + len(found.other)))
     there = np.flatnonzero(np.append(free, np.ones(len(found.other), dtype=np.bool_)))
     whole[:, there] = changes
@@ -409,16 +401,62 @@ def _build_fit(problem: MemoryProblem, shape: FloatArray, tried: int) -> MemoryF
     values, jacobian = compute_values(middle), np.empty((len(compute_values(middle)), len(middle)))
     for place, value in enumerate(middle.tolist()):
         width = numerics.CONVERGED * max(abs(value), numerics.CONVERGED)
-        ends = [
-            compute_values(middle + np.where(np.arange(len(middle)) == place, w, 0.0))
-            for w in (width, -width)
-        ]
-        jacobian[:, place] = (ends[0] - ends[1]) / (2.0 * width)
+        step = np.where(np.arange(len(middle)) == place, width, 0.0)
+        jacobian[:, place] = (compute_values(middle + step) - compute_values(middle - step)) / (2.0 * width)
     moves = whole @ jacobian.T
     vague = np.any(jacobian[:, there[lost]] != 0.0, axis=1)
     scaled = compute_triangle(design / np.maximum(np.linalg.norm(design, axis=0), numerics.TINY))
-    estimate = _write_estimate(problem, values, (moves, vague), found, unknowns)
-    estimate = replace(estimate, evaluations=tried, solves=tried, condition=float(np.linalg.cond(scaled)))
+    p, s, end = len(law.linear), len(law.shape), len(values) - len(found.other)
+    bristles = values[p + s : end].tolist()
+    mixing = np.eye(len(values))
+    mixing[: p + s, : p + s] = law.mixing
+    stds = np.where(np.abs(mixing) @ vague > 0.0, np.inf, compute_variance(moves @ mixing.T) ** 0.5).tolist()
+    entries = [*law.physical, *list_state_parameters(law, len(bristles) // len(law.memory))[: len(bristles)]]
+    numbers = [*law.to_physical(values[:p].tolist(), values[p : p + s].tolist()), *bristles]
+    parameters, refused = list[ParameterEstimate](), dict[str, str]()
+    for entry, value, std in zip(entries, numbers, stds, strict=False):
+        name = entry.name
+        unit = entry.unit_prismatic if samples.prismatic else entry.unit
+        reason = "one of 1, 2" if name == "gamma" else "zero: none is seen" if value == 0.0 else ""
+        sure = 100.0 * std <= POLICY.uncertain * abs(value)
+        if not np.isfinite(std):
+            refused[name] = _DEPENDENT
+        elif not (sure or reason) and name in _NEEDS:
+            refused[name] = f"its standard deviation, {std:.3g} {unit}, is too large: {_NEEDS[name]}"
+        else:
+            parameters.append(ParameterEstimate(name, value, std, unit, entry.meaning, reason))
+    units = samples.extra_units or ("",) * len(samples.extra_names)
+    beside = list(zip(samples.extra_names, found.other.tolist(), stds[end:], units, strict=True))
+    refused |= {name: _DEPENDENT for name, _, std, _ in beside if not np.isfinite(std)}
+    objective, rows_fitted = float(found.left @ found.left), len(found.left)
+    aicc, bic = joint_fit.compute_criteria(objective, rows_fitted, unknowns)
+    counted = moves[:, [*range(p + s), *range(end, len(values))]]
+    texts = [f"{name} was left out: {reason}; record more reversals" for name, reason in refused.items()]
+    estimate = FrictionEstimate(
+        joint=samples.joint,
+        law=law.name,
+        parameters=tuple(parameters),
+        extra=tuple(ParameterEstimate(*entry) for entry in beside if entry[0] not in refused),
+        refused=tuple(refused.items()),
+        other=tuple(found.other.tolist()),
+        objective=objective,
+        sigma=float(np.sqrt(objective / max(rows_fitted - unknowns, 1))),
+        samples=rows_fitted,
+        evaluations=tried,
+        outcome=Ending.SOME_REFUSED if refused else Ending.CONVERGED,
+        notices=tuple(Notice(code="friction.refused", text=text) for text in texts),
+        estimator="varpro",
+        linear=tuple(values[:p].tolist()),
+        shape=tuple(values[p : p + s].tolist()),
+        bristles=tuple(bristles),
+        covariance=tuple(map(tuple, (counted.T @ counted).tolist())),
+        solves=tried,
+        iterations=0,
+        ended="the search of shape values converged",
+        aicc=aicc,
+        bic=bic,
+        condition=float(np.linalg.cond(scaled)),
+    )
     return MemoryFit(estimate, design, found.left)
 
 
@@ -443,76 +481,6 @@ def leave_out(
         # A sum of products knows directions to the root of its digits.
         lost |= np.linalg.norm(directions[:, null], axis=1) > np.sqrt(numerics.CONVERGED)
     return np.array(steps), lost
-
-
-def _write_estimate(
-    problem: MemoryProblem,
-    values: FloatArray,
-    uncertain: tuple[FloatArray, NDArray[np.bool_]],
-    found: _LinearFactors,
-    unknowns: int,
-) -> FrictionEstimate:
-    """Return the estimate; values (n,) are linear, shape, state and other ones.
-
-    `uncertain` are their moves (b, n) of a jackknife, and which (n,) are not determined.
-    """
-    samples, law, (moves, vague) = problem.samples, problem.law, uncertain
-    p, s = len(law.linear), len(law.shape)
-    linear, shape = values[:p].tolist(), values[p : p + s].tolist()
-    bristles, other = values[p + s : len(values) - len(found.other)].tolist(), found.other
-    physical = law.to_physical(linear, shape)
-    mixing = np.eye(len(values))
-    mixing[: p + s, : p + s] = law.mixing
-    stds = np.where(np.abs(mixing) @ vague > 0.0, np.inf, compute_variance(moves @ mixing.T) ** 0.5)
-    own, rest = stds[: p + s], stds[p + s :]
-    memory = list_state_parameters(law, len(bristles) // len(law.memory))[: len(bristles)]
-    entries, numbers = [*law.physical, *memory], [*physical, *bristles]
-    parameters, refused = list[ParameterEstimate](), dict[str, str]()
-    for entry, value, std in zip(entries, numbers, [*own.tolist(), *rest.tolist()], strict=False):
-        name = entry.name
-        unit = entry.unit_prismatic if samples.prismatic else entry.unit
-        reason = "one of 1, 2" if name == "gamma" else "zero: none is seen" if value == 0.0 else ""
-        sure = 100.0 * std <= POLICY.uncertain * abs(value)
-        if not np.isfinite(std):
-            refused[name] = _DEPENDENT
-        elif not (sure or reason) and name in _NEEDS:
-            refused[name] = f"its standard deviation, {std:.3g} {unit}, is too large: {_NEEDS[name]}"
-        else:
-            parameters.append(ParameterEstimate(name, value, std, unit, entry.meaning, reason))
-    units = samples.extra_units or ("",) * len(samples.extra_names)
-    deviations = rest[len(bristles) :].tolist()
-    beside = list(zip(samples.extra_names, other.tolist(), deviations, units, strict=True))
-    refused |= {name: _DEPENDENT for name, _, std, _ in beside if not np.isfinite(std)}
-    objective, rows = float(found.left @ found.left), len(found.left)
-    aicc, bic = joint_fit.compute_criteria(objective, rows, unknowns)
-    counted = [*range(p + s), *range(p + s + len(bristles), len(values))]
-    covariance = moves[:, counted].T @ moves[:, counted]
-    texts = [f"{name} was left out: {reason}; record more reversals" for name, reason in refused.items()]
-    return FrictionEstimate(
-        joint=samples.joint,
-        law=law.name,
-        parameters=tuple(parameters),
-        extra=tuple(ParameterEstimate(*entry) for entry in beside if entry[0] not in refused),
-        refused=tuple(refused.items()),
-        other=tuple(other.tolist()),
-        objective=objective,
-        sigma=float(np.sqrt(objective / max(rows - unknowns, 1))),
-        samples=rows,
-        evaluations=0,
-        outcome=Ending.SOME_REFUSED if refused else Ending.CONVERGED,
-        notices=tuple(Notice(code="friction.refused", text=text) for text in texts),
-        estimator="varpro",
-        linear=tuple(linear),
-        shape=tuple(shape),
-        bristles=tuple(bristles),
-        covariance=tuple(map(tuple, covariance.tolist())),
-        solves=0,
-        iterations=0,
-        ended="the search of shape values converged",
-        aicc=aicc,
-        bic=bic,
-        condition=1.0,
-    )
 
 
 _DEPENDENT = "it is linearly dependent where a stretch of the log is left out"

@@ -20,17 +20,10 @@ from symid.arrays import FloatArray
 from symid.errors import IdentifiabilityError, Notice, SymidError
 from symid.identification import rigid
 from symid.identification.estimators import LawSelection, LawTrial, MotionResidual, find_phases
-from symid.identification.friction import joint_fit
+from symid.identification.friction import joint_fit, presliding
 from symid.identification.friction.estimators import fit_friction
 from symid.identification.friction.joint_fit import FrictionEstimate, FrictionSamples
-from symid.identification.friction.presliding import (
-    MEMORY_LAWS,
-    MemoryFit,
-    fit_memory,
-    leave_out,
-    simulate_presliding,
-)
-from symid.identification.friction.problem import FrictionOptions, build_problem
+from symid.identification.friction.searches import FrictionOptions, build_problem
 from symid.joint_models import FrictionLaw, get_law
 
 CANDIDATE_LAWS = (
@@ -44,7 +37,7 @@ CANDIDATE_LAWS = (
 def predict_rows(samples: FrictionSamples, law: FrictionLaw, estimate: FrictionEstimate) -> FloatArray:
     """Return the torques (M,) in N m or N that an estimate predicts of the rows of `samples`."""
     if law.memory:
-        friction = samples.pass_columns(simulate_presliding(samples, law, estimate)[:, None])[:, 0]
+        friction = samples.pass_columns(presliding.simulate_presliding(samples, law, estimate)[:, None])[:, 0]
     else:
         friction = samples.pass_law(law, estimate.shape) @ np.asarray(estimate.linear)
     return np.asarray(friction + samples.rows.extra @ np.asarray(estimate.other))
@@ -134,25 +127,25 @@ def select_memory(
     rows, estimate = samples.rows, fit_friction(samples, static, options=options)
     parts, fold = joint_fit.cut_parts(rows)
     design = joint_fit.compute_sensitivities(samples, static, estimate.linear, estimate.shape)
-    fits = [MemoryFit(estimate, design, rows.torque - predict_rows(samples, static, estimate))]
+    fits = [presliding.MemoryFit(estimate, design, rows.torque - predict_rows(samples, static, estimate))]
 
-    def hold_out(fit: MemoryFit) -> FloatArray:
-        steps, _ = leave_out(fit.design, fit.left, parts, fold)
+    def hold_out(fit: presliding.MemoryFit) -> FloatArray:
+        steps, _ = presliding.leave_out(fit.design, fit.left, parts, fold)
         pairs = zip(parts, steps[fold], strict=True)
         errors = (fit.left[part] - fit.design[part] @ step for part, step in pairs)
         return np.array([float(error @ error) for error in errors])
 
     losses = [hold_out(fits[0])]
-    for name in MEMORY_LAWS:
+    for name in presliding.MEMORY_LAWS:
         law = get_law(f"{name}+offset")
         if law.shape and min(map(np.sum, losses)) == losses[0].sum():
             # Where no memory helps, none whose level falls does.
             break
         try:
-            found = fit_memory(samples, law)
+            found = presliding.fit_memory(samples, law)
             if "offset" in dict(found.estimate.refused):
                 # Gravity about one pose is a constant, too.
-                found = fit_memory(samples, get_law(name))
+                found = presliding.fit_memory(samples, get_law(name))
         except IdentifiabilityError:
             continue
         if not found.estimate.refused:

@@ -153,11 +153,15 @@ class ElementFamily(ABC):
 @final
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Stops(ElementFamily):
-    """Prandtl-Ishlinskii, stops of either sign: on a grid, or where a search puts them; none is a spring."""
+    """Prandtl-Ishlinskii, stops of either sign: on a grid, or where a search puts them; none is a spring.
+
+    With `far`, rad or m, the spring is stiffer on one side of zero, and holds up to there.
+    """
 
     count: int
     name: str = "prandtl-ishlinskii"
     searched: bool = False
+    far: float | None = None
 
     def describe(self) -> tuple[str, ...]:
         place = "from the data" if self.searched else "on a grid"
@@ -170,43 +174,20 @@ class Stops(ElementFamily):
 
     def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
         x = path.position[:, None]
-        return np.hstack([x, x - path.compute_plays(shape)])
-
-    def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
-        joined = [(r, float(np.sum(coefficients[1:][shape == r]))) for r in np.unique(shape).tolist()]
-        stops = tuple(joint_models.Stop(threshold=r, stiffness=k) for r, k in joined if k != 0.0)
-        return joint_models.Elasticity(stiffness=float(coefficients[0]), stops=stops)
-
-
-@final
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SidedStops(ElementFamily):
-    """Stops, and a spring that is stiffer on one side of zero, which holds up to `far`."""
-
-    stops: Stops
-    far: float
-    name: str = "sided"
-
-    @property
-    def searched(self) -> bool:  # type: ignore[override]
-        return self.stops.searched
-
-    def describe(self) -> tuple[str, ...]:
-        return self.stops.describe()
-
-    def list_starts(self, path: ElementPath) -> list[FloatArray]:
-        return self.stops.list_starts(path)
-
-    def compute_columns(self, path: ElementPath, shape: FloatArray) -> FloatArray:
         # Both sides together are the linear spring.
-        sides = np.maximum(path.position, 0.0), np.minimum(path.position, 0.0)
-        return np.column_stack([*sides, self.stops.compute_columns(path, shape)[:, 1:]])
+        springs = [np.maximum(x, 0.0), np.minimum(x, 0.0)] if self.far else [x]
+        return np.hstack([*springs, x - path.compute_plays(shape)])
 
     def build(self, shape: FloatArray, coefficients: FloatArray) -> joint_models.Elasticity:
-        far, both = self.far, coefficients[:2].min()
-        up, down = (far * (coefficients[:2] - both)).tolist()
-        side = joint_models.SlipSpring(deflections=(-far, 0.0, far), forces=(-down, 0.0, up))
-        return replace(self.stops.build(shape, np.append(both, coefficients[2:])), branches=(side,))
+        springs, weights = np.split(coefficients, [2 if self.far else 1])
+        joined = [(r, float(np.sum(weights[shape == r]))) for r in np.unique(shape).tolist()]
+        stops = tuple(joint_models.Stop(threshold=r, stiffness=k) for r, k in joined if k != 0.0)
+        spring = joint_models.Elasticity(stiffness=float(springs.min()), stops=stops)
+        if not self.far:
+            return spring
+        up, down = (self.far * (springs - springs.min())).tolist()
+        places, forces = (-self.far, 0.0, self.far), (-down, 0.0, up)
+        return replace(spring, branches=(joint_models.SlipSpring(deflections=places, forces=forces),))
 
 
 @final
@@ -567,18 +548,15 @@ def list_families(name: str, path: ElementPath, *, timed: bool) -> tuple[Element
     # A branch that must not slip: its threshold is far beyond the path.
     far = float(np.max(np.abs(path.position))) / POLICY.relevance
     forms: dict[str, tuple[ElementFamily, ...]] = {
-        "prandtl-ishlinskii": (
-            *(Stops(count=count, searched=True) for count in (0, 2, 3)),
-            Stops(count=GRID),
-        ),
+        "prandtl-ishlinskii": (*(Stops(count=n, searched=True) for n in (0, 2, 3)), Stops(count=GRID)),
         "nonlinear-stops": (
             NonlinearStops(places=places, count=1),
             NonlinearStops(places=places, count=1, falling=True, needs_time=True),
             NonlinearStops(places=places, count=2),
         ),
         "sided": (
-            *(SidedStops(stops=Stops(count=count, searched=count > 0), far=far) for count in (0, 2)),
-            SidedStops(stops=Stops(count=GRID), far=far),
+            *(Stops(count=count, name="sided", searched=count > 0, far=far) for count in (0, 2)),
+            Stops(count=GRID, name="sided", far=far),
         ),
         "krasnoselskii-pokrovskii": (RelayGrid(count=GRID, low=low, step=step),),
         "bouc-wen": (BoucWenFamily(), BoucWenFamily(asymmetric=True)),

@@ -39,6 +39,8 @@ from symid.serialization import HIDDEN
 _STARTS: tuple[joint_models.Start, ...] = ("zero", "fresh", "below", "above")
 _PARTS = POLICY.folds * POLICY.parts
 """Parts of a recording."""
+_FAR = 0.5
+"""Of the range of the input of a fit, how far an inverse may lead beyond it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -187,8 +189,7 @@ def check_recording(x: FloatArray, y: FloatArray, t: FloatArray | None) -> None:
     if t is not None and t.ndim == 1 and np.all(np.isfinite(t)) and np.any(np.diff(t) <= 0.0):
         place = int(np.flatnonzero(np.diff(t) <= 0.0)[0])
         mistakes.append(f"time: sample {place + 2} is not later than the one before it")
-    if mistakes:
-        raise UsageError(*(Notice(code="usage.hysteresis-recording", text=text) for text in mistakes))
+    UsageError.refuse(mistakes, code="usage.hysteresis-recording")
 
 
 def compute_velocity(x: FloatArray, t: FloatArray) -> FloatArray:
@@ -578,7 +579,8 @@ def _extend(trial: _ElementTrial, task: _Task) -> list[_ElementTrial]:
     if source is None:
         return []
     # Stops that a passive fit has placed stay springs.
-    springs = isinstance(source.family, families.Stops) and joint_models.is_passive_element(trial.elasticity)
+    plain = isinstance(source.family, families.Stops) and not source.family.far
+    springs = plain and joint_models.is_passive_element(trial.elasticity)
     possible = {"backlash": not task.passive, "relaxation": task.timed}
     task, found = replace(task, passive=task.passive or springs), []
     for part in (name for name, allowed in possible.items() if allowed and name not in source.parts):
@@ -767,9 +769,6 @@ def invert_fit(
         text += "goes there all the same)"
         raise UsageError(Notice(code="usage.inverse-beyond", text=text))
     return x
-
-
-_FAR = 0.5
 
 
 def _check_time(record: HysteresisRecord, t: FloatArray | None) -> None:

@@ -426,7 +426,12 @@ def choose_laws(
     if lacking:
         raise IdentifiabilityError(*lacking)
     free = [own and not isinstance(wish, FrictionValues) for own, wish in zip(moving, wishes, strict=True)]
-    speeds = [motion.speeds(joint) if own else np.zeros(0) for joint, own in enumerate(free)]
+    # The speeds of each joint at all samples that count.
+    whole = np.abs(np.concatenate([entry.dq for entry in motion.signals])).T
+    speeds = [
+        own[own >= slow] if is_free else own[:0]
+        for own, slow, is_free in zip(whole, motion.slowest, free, strict=True)
+    ]
     calls = zip(wishes, gears, speeds, strict=True)
     wanted = [_list_wanted(wish, gear, inputs, own) for wish, gear, own in calls]
 

@@ -26,7 +26,7 @@ from symid.arrays import FloatArray
 from symid.codegen import Library
 from symid.identification import regression
 from symid.identification.judge import POLICY, numerics
-from symid.joint_models import FrictionLaw, compute_column_derivatives, compute_columns, get_law
+from symid.joint_models import FrictionLaw, compute_columns, compute_law_sensitivities, get_law
 from symid.logs import Recording, Signals
 from symid.robot import Processing
 
@@ -61,9 +61,7 @@ class TangentLaw(FrictionLaw):
 
         def compute(_carrier: object, inputs: Inputs, _shape: object) -> tuple[FloatArray, ...]:
             with np.errstate(over="ignore", under="ignore"):
-                own = compute_columns(law, inputs, about)
-                slopes = np.einsum("nps,p->ns", compute_column_derivatives(law, inputs, about), values)
-            return *own.T, *slopes.T
+                return tuple(compute_law_sensitivities(law, inputs, values, about).T)
 
         parts = {entry.name: getattr(law, entry.name) for entry in fields(FrictionLaw)}
         parts |= {"linear": (*law.linear, *law.shape), "shape": (), "columns": compute}
@@ -224,11 +222,6 @@ class Motion:
             columns[0] = np.where(own, 0.0, rigid)
             columns.append(np.where(own, regression.compute_rotor_columns(ddq, self.rotors), 0.0))
         return np.concatenate(columns, axis=2)
-
-    def speeds(self, joint: int) -> FloatArray:
-        """Return the speeds of a joint at all samples that count."""
-        found = np.abs(np.concatenate([entry.dq[:, joint] for entry in self.signals]))
-        return np.asarray(found[found >= self.slowest[joint]])
 
 
 def prepare_motion(

@@ -1,4 +1,4 @@
-"""Springs as others write them: catalogue values, springs behind dry friction, the scale."""
+"""Springs as others write them: catalogue values, springs behind dry friction."""
 
 import numpy as np
 import pytest
@@ -10,8 +10,6 @@ from symid.joint_models.hysteresis import (
     Stop,
     compute_catalogue_knees,
     convert_maxwell_elements,
-    convert_to_normal_form,
-    list_maxwell_elements,
 )
 from symid.joint_models.prandtl_ishlinskii import compute_hysteresis_torque
 from tests.refusals import raises
@@ -29,23 +27,18 @@ def test_a_catalogue_gives_the_torsion_of_its_pieces(stiffness):
     np.testing.assert_allclose(compute_hysteresis_torque(spring, -torsion), -torque, rtol=1e-13, atol=1e-12)
 
 
-def test_elements_are_stops_and_unknown_stiffnesses_stay_unknown():
+def test_elements_are_stops():
     elements = [MaxwellElement(stiffness=4.0, force=2.0), MaxwellElement(stiffness=10.0, force=1.0)]
     stops = convert_maxwell_elements([*elements, MaxwellElement(stiffness=2.0, force=1.0)])
     assert stops == (Stop(threshold=0.1, stiffness=10.0), Stop(threshold=0.5, stiffness=6.0))
     spring = Elasticity(stiffness=1.0, stops=(*stops, Stop(threshold=0.9, stiffness=0.0)))
-    assert list_maxwell_elements(spring) == (elements[1], MaxwellElement(stiffness=6.0, force=3.0))
     # An element pulls with its stiffness until it holds no longer.
     phi = np.linspace(0, 2, 9)
     expected = phi + np.minimum(10.0 * phi, 1.0) + np.minimum(6.0 * phi, 3.0)
     np.testing.assert_allclose(compute_hysteresis_torque(spring, phi), expected, rtol=1e-14)
-    spring = Elasticity(stops=(Stop(threshold=1.0),), damping=2.0, cubic=3.0)
-    assert convert_to_normal_form(spring, 4.0) == Elasticity(stops=spring.stops, damping=2.0, cubic=12.0)
 
 
 def test_what_is_refused():
-    with raises(RobotError, "robot.invalid-elasticity", match="slope -1 "):
-        convert_to_normal_form(Elasticity(stiffness=1.0), -1.0)
     with pytest.raises(RobotError, match="force 0:"):
         convert_maxwell_elements([MaxwellElement(stiffness=1.0, force=0.0)])
     with raises(RobotError, *["robot.invalid-elasticity"] * 2) as caught:

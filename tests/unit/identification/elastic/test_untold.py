@@ -11,10 +11,9 @@ from symid.identification.elastic.estimate import (
     compute_covariance,
     mark_unidentifiable,
     measure_identifiability,
-    name_friction,
 )
 from symid.identification.elastic.regression import solve_with_signs
-from symid.identification.stored import write_fit
+from symid.identification.stored import name_friction, write_fit
 from symid.joint_models import FrictionValues, list_value_names
 from symid.robot.toml_reader import read_robot
 from symid.robot.toml_settings import describe_settings

@@ -20,7 +20,7 @@ from symid.identification.friction.poses import (
     estimate_pattern_covariance,
     warn_of_friction_pattern,
 )
-from symid.identification.friction.problem import FrictionOptions, build_problem
+from symid.identification.friction.searches import FrictionOptions, build_problem
 from symid.ipopt import Ending
 from symid.joint_models.friction_catalogue import FRICTION_LAWS, get_law
 from symid.joint_models.friction_law import compute_columns
@@ -38,7 +38,9 @@ def test_every_law_can_be_fitted(name):
     given = {"load": 3.0 + 2.0 * np.cos(3.0 * PHASE), "position": np.cos(PHASE)}
     if "temperature" in law.inputs:
         given["temperature"] = 35.0 + 20.0 * np.cos(0.31 * PHASE)
-    physical = [entry.start or 5.0 + place for place, entry in enumerate(law.physical)]
+    names = ("vs", "gamma", "delta", "dq0", "g2", "g3", "g5", "TV")
+    known = dict(zip(names, (0.05, 2.0, 0.7, 0.01, 100.0, 10.0, 100.0, 20.0), strict=True))
+    physical = [known.get(entry.name, 5.0 + place) for place, entry in enumerate(law.physical)]
     if name == "improved-stribeck-h4":
         physical[-1] = 0.01
     samples = draw_samples(law, tuple(physical), velocity, noise=0.1, **given)

@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 from scipy.optimize import differential_evolution, least_squares
 
-from symid.identification.friction.problem import FrictionOptions, Projector, build_problem
 from symid.identification.friction.searches import (
+    FrictionOptions,
+    Projector,
     build_nlp,
+    build_problem,
     search_by_nlp,
     search_by_projection,
 )
