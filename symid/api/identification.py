@@ -22,7 +22,6 @@ from symid.api.result import PagedResult, Result, SavedResult
 from symid.arrays import FloatArray
 from symid.errors import EstimateError, Notice
 from symid.identification import elastic
-from symid.ipopt import Ending
 from symid.notation import INERTIAL
 from symid.serialization import describe_record
 

@@ -98,9 +98,7 @@ if TYPE_CHECKING:
         compute_outer_function as compute_outer_function,
         compute_play as compute_play,
         convert_maxwell_elements as convert_maxwell_elements,
-        convert_to_normal_form as convert_to_normal_form,
         invert_spring as invert_spring,
-        list_maxwell_elements as list_maxwell_elements,
     )
     from symid.joint_models.prandtl_ishlinskii import (
         PlayPath as PlayPath,

@@ -7,11 +7,11 @@ import pytest
 from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
-    "files of symid/": 227,
-    "lines": 84_531,  # Long logs pass in parts, plays from turn to turn, shape values by damped steps.
-    "imports inside functions": 77,  # SciPy stays away from code that is only looked at again.
+    "files of symid/": 223,
+    "lines": 83_550,  # Clocks by other names, words for missing values, the bend of laws, each with its reason.
+    "imports inside functions": 76,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
-    "lines of tests": 61_478,  # Each warning says what to do, long logs pass in parts: that is tested.
+    "lines of tests": 61_484,  # Each warning says what to do, long logs pass in parts: that is tested.
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }
