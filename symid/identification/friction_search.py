@@ -191,21 +191,25 @@ def search_friction(
     found = set_friction(robot, {law.joint: law.friction for law in choice.joints})
     known = all(regression.list_measured_joints(recordings))
 
+    rows, estimator = options.get("rows", "torque"), options.get("estimator")
+
     def settle(found: Robot, loaded: Sequence[Recording], library: Library) -> rigid.FitPlan:
         """Return settings of a fit, which are found once."""
-        rows, estimator = options.get("rows", "torque"), options.get("estimator")
         plan = rigid.plan_fit(library, loaded, robot.processing, rows=rows, estimator=estimator)
         kept = _keep_slow_rows(plan, found, choice.motion.slowest)
-        if plan.study is None or kept == plan:
-            return kept
-        # What parts of the logs say of values, they say from the same rows.
-        again = rigid.plan_fit(library, loaded, kept.processing, rows=rows, estimator=kept.estimator)
-        return replace(kept, study=again.study and replace(again.study, choice=plan.study.choice))
+        return plan if kept == plan else study(kept, loaded, library)
 
-    def fit_once(loaded: Sequence[Recording], held: Robot) -> Estimate:
+    def study(plan: rigid.FitPlan, loaded: Sequence[Recording], library: Library) -> rigid.FitPlan:
+        """Return the plan with what parts of the logs say of the library's parameters at its settings."""
+        if plan.study is None:
+            return plan
+        again = rigid.plan_fit(library, loaded, plan.processing, rows=rows, estimator=plan.estimator)
+        return replace(plan, study=again.study and replace(again.study, choice=plan.study.choice))
+
+    def fit_once(plan: rigid.FitPlan, loaded: Sequence[Recording], held: Robot) -> Estimate:
         library = prepare(held)
-        plan = settle(held, loaded, library)
-        return rigid.identify_parameters(library, loaded, robot.processing, plan=plan, **options)
+        own = study(plan, loaded, library)
+        return rigid.identify_parameters(library, loaded, robot.processing, plan=own, **options)
 
     def fit(found: Robot) -> _Result:
         """Return the fit of a robot with the laws found, repeated until shape values and loads stay."""
@@ -219,7 +223,7 @@ def search_friction(
             if plan is None:
                 plan = settle(found, loaded, library)
             estimate = rigid.identify_parameters(library, loaded, robot.processing, plan=plan, **options)
-            before, refit = _list_bent(found), partial(fit_once, loaded)
+            before, refit = _list_bent(found), partial(fit_once, plan, loaded)
             # Where a step of shape values helps no more, others would lead away; loads settle by themselves.
             percent = estimate.mean_relative_percent
             if best is not None and before and percent > best.estimate.mean_relative_percent:

@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose
 import symid
 from symid.api.log import Log
 from symid.errors import UsageError
+from symid.identification import rigid
 from symid.identification.regression import fill_loads
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.friction_choice import choose_laws
@@ -148,8 +149,19 @@ def test_laws_go_into_files_and_come_back(fit, robot, logs, tmp_path):
     assert all("load-dependent" in (tmp_path / name).read_text() for name in ("arm.toml", "fit.html"))
 
 
-def test_named_laws_have_their_shape_values_found(robot, logs):
+def test_named_laws_have_their_shape_values_found(robot, logs, tmp_path, monkeypatch):
+    fits, identify = [], rigid.identify_parameters
+
+    def note(library, *args, plan, **options):
+        fits.append((plan.estimator, plan.processing, bool(library.card.searched)))
+        return identify(library, *args, plan=plan, **options)
+
+    monkeypatch.setattr(rigid, "identify_parameters", note)
     found = robot.identify(logs[0], friction="stribeck")
+    # The last one is about shape values that stay, at the same settings; all of it is stored.
+    assert [searched for *_, searched in fits] == [*[True] * (len(fits) - 1), False]
+    assert all(one[:2] == fits[0][:2] for one in fits)
+    assert symid.load_fit(found.save(tmp_path / "fit.json")).estimate == found.estimate
     assert [law.law for law in found.estimate.laws] == ["stribeck"] * 2
     assert abs(found["vs1"].value - 0.08) < 0.01
     waves = robot.identify(logs[0], friction="joint1=position-dependent-1,2x3,joint2=load-dependent")

@@ -63,7 +63,7 @@ def test_root_finding_refuses_two_unknowns_and_two_directions_and_keeps_the_bett
 
 
 @pytest.mark.parametrize("anneal", [False, True])
-def test_the_history_falls_the_counts_agree_and_the_same_generator_gives_the_same_bits(anneal):
+def test_the_history_falls_the_counts_agree_and_the_same_generator_gives_the_same_bits(anneal, monkeypatch):
     problem, find = build_problem(*draw_s1(), OPTIONS), partial(paper.search_by_population, anneal=anneal)
     search, again = (find(problem, np.random.default_rng(1)) for _ in range(2))
     assert (search.linear, search.history) == (again.linear, again.history)
@@ -73,7 +73,8 @@ def test_the_history_falls_the_counts_agree_and_the_same_generator_gives_the_sam
     assert search.objective == pytest.approx(errors @ errors, rel=1e-12)
     assert (search.solves, search.outcome) == (0, Ending.STAGNATED)
     # Too few generations are told.
-    end = find(problem, np.random.default_rng(0), generations=3)
+    monkeypatch.setattr(paper, "GENERATIONS", 3)
+    end = find(problem, np.random.default_rng(0))
     assert (end.outcome, end.ended) == (Ending.LIMIT, "3 generations passed")
 
 
