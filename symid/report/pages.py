@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 TEMPLATE = "page.html.jinja"
 WRITTEN_BY = f"Written by symid {__version__}"
-UNTESTED = "No held-out log was given: the model is untested. Validate it on another motion (--validation)."
+UNTESTED = "No log was held out: the model was not tested on another motion. Validate it on one (--validation)."
 _SIGMA = "within 3\N{GREEK SMALL LETTER SIGMA}"
 _OWN_ANCHORS = ("verdict", "notices", "settings")
 """Of sections that every page has."""
