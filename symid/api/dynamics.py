@@ -292,9 +292,8 @@ class WrittenLesson(Result):
         """Return warnings and notes on the robot, and that a notebook has no outputs where that is so."""
         if self.executed is not False:
             return super().notices
-        text = (
-            "its cells were not executed: that needs pip install 'symid[notebook]'; Jupyter executes them too"
-        )
+        text = "its cells were not executed: that needs pip install 'symid[notebook]'; Jupyter executes them "
+        text += "too"
         return (*super().notices, Notice(code="lesson.not-executed", text=text, file=str(self.path)))
 
     def summarise(self) -> str:

@@ -253,11 +253,9 @@ class DemoResult(JudgedResult):
         foreign = self.foreign
         second = f"the arm with LuGre friction: {foreign.verdict}"
         if foreign.chosen:
-            second = (
-                f"the arm with LuGre friction, method {foreign.chosen}: parameters {foreign.worst:.2g} %, "
-                f"hysteresis {foreign.spring:.2g} %; errors {foreign.z_rms:.2g} times the stated deviations "
-                f"(rms), verdict {foreign.verdict}"
-            )
+            second = f"the arm with LuGre friction, method {foreign.chosen}: parameters {foreign.worst:.2g} "
+            second += f"%, hysteresis {foreign.spring:.2g} %; errors {foreign.z_rms:.2g} times the stated "
+            second += f"deviations (rms), verdict {foreign.verdict}"
         return (
             _WHAT,
             f"{self.robot.name}: dynamics, friction and hysteresis identified from {logs}\n{best.reason}",

@@ -91,10 +91,8 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             first = error.notices[0]
             if first.code != "usage.unknown-robot":
                 raise
-            text = (
-                f"the estimate was made with robot '{name}', which is not among the known robots; name its "
-                "file with --robot FILE.toml, or symid.load_fit(file, symid.load(robot_file))"
-            )
+            text = f"the estimate was made with robot '{name}', which is not among the known robots; name "
+            text += "its file with --robot FILE.toml, or symid.load_fit(file, symid.load(robot_file))"
             raise UsageError(replace(first, text=text)) from error
 
     @property

@@ -223,9 +223,8 @@ class ElementFit(JudgedResult, PagedResult, SavedResult):
             known = UNITS.get(unit, ("", 1.0))
             if known[0] != dimension:
                 said = f"is in {unit!r}" if unit else "has no unit"
-                text = (
-                    f"the {what} {said}, and joint {joint!r} needs a unit of {dimension}: state it (--units)"
-                )
+                text = f"the {what} {said}, and joint {joint!r} needs a unit of {dimension}: state it "
+                text += "(--units)"
                 mistakes.append(Notice(code="usage.element-unit", text=text))
             else:
                 factors.append(known[1])

@@ -207,10 +207,8 @@ class PayloadResult(PagedResult, SavedResult):
     def blocks(self) -> "tuple[report.Block, ...]":
         """Return the tables of identified and of refused quantities, with the reasons."""
         found = self.payload
-        head = (
-            f"{self.product.robot}: payload on the link of joint {found.joint!r}\n"
-            "in the link frame of the robot file; inertia about the centre of mass"
-        )
+        head = f"{self.product.robot}: payload on the link of joint {found.joint!r}\n"
+        head += "in the link frame of the robot file; inertia about the centre of mass"
         rows = [(e.name, e.value, e.std, e.unit) for e in found.quantities if e.value is not None]
         refused = "\n".join(f"refused: {e.name}: {e.reason}" for e in found.quantities if e.value is None)
         large = f"standard deviations are multiplied by {found.scale:.3g}, because chi^2 is too large"

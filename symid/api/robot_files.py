@@ -258,10 +258,8 @@ def export_fit(
     identification.check_format(output, options, friction=is_friction)
     verdict = report.judge_fit(result)
     if verdict.level == "wrong" and not options.accept:
-        text = (
-            f"the verdict on this fit is wrong: {verdict.headline} {verdict.remedy} Then identify again, or "
-            "write the file all the same with --accept (accept=True)"
-        )
+        text = f"the verdict on this fit is wrong: {verdict.headline} {verdict.remedy} Then identify again, "
+        text += "or write the file all the same with --accept (accept=True)"
         raise EstimateError(Notice(code="export.wrong", text=text, file=str(source)))
     if isinstance(result, friction_fits.FrictionIdentification):
         progress(f"comparing {robot.name} with the model whose friction was identified")

@@ -174,10 +174,8 @@ def _show_elastic(found: "identification.ElasticValidation") -> "tuple[report.Bl
     for k, joint in enumerate(found.robot.axes):
         sizes = ((run.name, 1e3 * float(run.rms[k]), 1e3 * float(run.peak[k])) for run in tracking.runs)
         rows += [(joint.name, *size, f"m{_UNITS[joint.prismatic]}") for size in sizes]
-    text = (
-        f"Tracking of {tracking.trajectory.source}: closed loop of the robot file's values, which the "
-        "feed-forward does not use. The rigid feed-forward has dynamics and friction of Case 1."
-    )
+    text = f"Tracking of {tracking.trajectory.source}: closed loop of the robot file's values, which the "
+    text += "feed-forward does not use. The rigid feed-forward has dynamics and friction of Case 1."
     return (
         *blocks,
         text,

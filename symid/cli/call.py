@@ -350,10 +350,8 @@ def _explain_shortage(reason: str, *, as_json: bool, sure: bool = False) -> int:
     elif sure:
         text = f"too little memory: ulimit -v allows {limit} MB of address space, allow more ({reason})"
     else:
-        text = (
-            f"probably too little memory: ulimit -v allows {limit} MB of address space ({reason}); allow "
-            "more. If the same comes without a limit, it is a bug in symid: report it"
-        )
+        text = f"probably too little memory: ulimit -v allows {limit} MB of address space ({reason}); allow "
+        text += "more. If the same comes without a limit, it is a bug in symid: report it"
     print_errors([Notice(code="symid.memory", text=" ".join(text.split()))], as_json=as_json)
     return EXIT_MEMORY
 

@@ -192,10 +192,8 @@ def report_command(
     asked = {"--settings": named, "--set": single, "--test": test}
     given = [name for name, value in asked.items() if value]
     if given and not logs:
-        text = (
-            f"{', '.join(given)} is of the logs that --validation names, and there is none; "
-            f"give --validation LOG, or leave {'them' if given[1:] else 'it'} out"
-        )
+        text = f"{', '.join(given)} is of the logs that --validation names, and there is none; "
+        text += f"give --validation LOG, or leave {'them' if given[1:] else 'it'} out"
         raise UsageError(Notice(code="usage.no-validation", text=text))
     cli.check_output(output, force=force, inputs=(estimate, *logs))
     # The same call gives the same page on another day, but for one that somebody signs.
@@ -246,9 +244,8 @@ def export_command(
     refused.
     """
     if (output is None) != in_place:
-        text = (
-            "give the file to write (-o FILE), or --in-place for the file that ROBOT was made from; not both"
-        )
+        text = "give the file to write (-o FILE), or --in-place for the file that ROBOT was made from; not "
+        text += "both"
         raise UsageError(Notice(code="usage.export-file", text=text))
     options = cli.take_record(ExportOptions, values)
     model = robot.load(console)

@@ -314,10 +314,8 @@ def _list_loads(
         if options.torsion is not None:
             text = "a limit of the torsion needs all masses, inertias, springs and friction; state them"
             raise RobotError(Notice(code="excitation.no-values", text=text, file=robot.path))
-        text = (
-            "torque limits are not kept: the robot file does not state all masses and friction; identify "
-            "first, and design again with the values"
-        )
+        text = "torque limits are not kept: the robot file does not state all masses and friction; identify "
+        text += "first, and design again with the values"
         return [], (Notice(code="excitation.no-torque", text=text),)
     link = made.functions[0](*states, ca.DM([entry.value or 0.0 for entry in card.beta]))
     motor = ca.SX(link)

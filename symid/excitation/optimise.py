@@ -193,10 +193,8 @@ def optimise_excitation(
         vector = np.abs(np.linalg.eigh(scale_gram(problem.compute_gram(candidates[0]))[0])[1][:, 0])
         largest = np.argsort(-vector, kind="stable")[:4]
         which = [problem.observation.names[place] for place in largest if vector[place] > 0.1]
-        text = (
-            f"with {problem.space.harmonics} harmonics within these limits the regressor has no full rank: "
-            f"{', '.join(which)} are linearly dependent; widen the limits, or use more harmonics"
-        )
+        text = f"with {problem.space.harmonics} harmonics within these limits the regressor has no full "
+        text += f"rank: {', '.join(which)} are linearly dependent; widen the limits, or use more harmonics"
         raise IdentifiabilityError(Notice(code="excitation.rank", text=text))
     names = tuple(joint.name for joint in robot.axes)
     starts = [
@@ -223,10 +221,8 @@ def optimise_excitation(
     if problem.limits.assumed:
         text = f"limits were assumed, which may be too wide: {'; '.join(problem.limits.assumed)}; state them"
         notices = (*notices, Notice(code="excitation.assumed-limits", text=text))
-    source = (
-        f"optimised finite Fourier series ({options.criterion}), {options.harmonics} harmonics of "
-        f"{1.0 / options.period:g} Hz"
-    )
+    source = f"optimised finite Fourier series ({options.criterion}), {options.harmonics} harmonics of "
+    source += f"{1.0 / options.period:g} Hz"
     coefficients = problem.space.compute_coefficients(unknowns)
     series = build_fourier(coefficients, 1.0 / options.period, duration=options.period, ramp=0.0)
     return OptimisedExcitation(

@@ -137,16 +137,12 @@ def describe_states(robot: Robot, friction: str | Mapping[str, str] | None) -> t
         else:
             kept.append(f"{name}: {law.name} with its {', '.join(e.name for e in (*law.shape, *law.memory))}")
     if replaced:
-        text = (
-            f"friction with a state ({', '.join(replaced)}) gives way to a static law, as no search chooses "
-            "one with a state; leave --friction out to keep it"
-        )
+        text = f"friction with a state ({', '.join(replaced)}) gives way to a static law, as no search "
+        text += "chooses one with a state; leave --friction out to keep it"
         notices.append(Notice(code="identify.friction-replaced", text=text))
     if kept:
-        text = (
-            "friction with a state is fitted as its curve of steady sliding; shape and state values stay "
-            f"those of the robot file ({'; '.join(kept)})"
-        )
+        text = "friction with a state is fitted as its curve of steady sliding; shape and state values stay "
+        text += f"those of the robot file ({'; '.join(kept)})"
         notices.append(Notice(code="identify.friction-state", text=text))
     return tuple(notices)
 
@@ -154,10 +150,8 @@ def describe_states(robot: Robot, friction: str | Mapping[str, str] | None) -> t
 def refuse_states(robot: Robot, what: str) -> None:
     """Refuse, by a UsageError, friction with a state where `what` fits equations along a simulated motion."""
     if bent := ", ".join(f"{name}: {law.name}" for name, law in _list_states(robot).items()):
-        text = (
-            f"{what} compares a simulated motion with equations of steady sliding, and friction with a state "
-            f"({bent}) moves otherwise at reversals; choose another estimator, such as wls"
-        )
+        text = f"{what} compares a simulated motion with equations of steady sliding, and friction with a "
+        text += f"state ({bent}) moves otherwise at reversals; choose another estimator, such as wls"
         raise UsageError(Notice(code="usage.friction-state", text=text))
 
 
@@ -271,9 +265,8 @@ def _keep_slow_rows(plan: rigid.FitPlan, robot: Robot, slowest: FloatArray) -> r
             kept.append(f"{joint.name} {speeds[place]:.3g}")
     if not kept:
         return plan
-    text = (
-        f"slow samples that show how the friction law bends are kept from these speeds on: {', '.join(kept)}"
-    )
+    text = "slow samples that show how the friction law bends are kept from these speeds on: "
+    text += f"{', '.join(kept)}"
     note = Notice(code="identify.automatic", text=text)
     settings = replace(plan.processing, standstill=tuple(speeds))
     return replace(plan, processing=settings, notices=(*plan.notices, note))

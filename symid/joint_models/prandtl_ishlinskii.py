@@ -204,10 +204,8 @@ def invert_hysteresis(elasticity: Elasticity, torque: FloatArray, memory: Memory
 def _invert_plays(elasticity: Elasticity) -> tuple[Plays[float], Plays[float]]:
     """Return the plays of an elasticity, knees left out, and their inverse; refuse what has none."""
     if elasticity.cubic:
-        text = (
-            "a cubic spring has no inverse in closed form, nor, together with knees, a closed form of its "
-            "work; describe its hardening by knees alone"
-        )
+        text = "a cubic spring has no inverse in closed form, nor, together with knees, a closed form of its "
+        text += "work; describe its hardening by knees alone"
         raise RobotError(Notice(code="robot.cubic-spring", text=text))
     plays = elements.gather_plays(_FLOATS, read_spring_terms(elasticity))
     if not all(slope > 0 for slope in np.cumsum(plays.weights)):

@@ -220,9 +220,8 @@ def describe_friction(robot: Robot) -> Step | None:
             curve = joint_models.compute_friction_torque(law, speed, linear, joint.friction.shape)
             same = abs(torque - float(curve[0])) <= _AGREEMENT * abs(torque)
             require(same, "bristles do not end at the curve of steady sliding")
-            checked = (
-                "verified at a speed: after a long displacement bristles give the curve of steady sliding"
-            )
+            checked = "verified at a speed: after a long displacement bristles give the curve of steady "
+            checked += "sliding"
         formulas.append(Formula(f"tau_f{number}", law.formula, steady, rf"\tau_{{f{number}}}"))
     if not sentences:
         return None

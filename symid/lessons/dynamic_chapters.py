@@ -285,10 +285,8 @@ def _write_joints(robot: Robot) -> Iterator[Chapter]:
     numbers = enumerate(robot.joints, start=1)
     rotors = [str(k) for k, joint in numbers if joint.drive.has_rotor and joint.elasticity is None]
     if rotors or robot.couplings:
-        text = (
-            f"The rotors of joints {', '.join(rotors)} turn with their joints: $\\mathit{{IA}}_j\\,\\dot "
-            f"q_j^2/2$ is added to the kinetic energy, $\\mathit{{IA}}_j$ the inertia on the joint side. "
-        )
+        text = f"The rotors of joints {', '.join(rotors)} turn with their joints: $\\mathit{{IA}}_j\\,\\dot "
+        text += "q_j^2/2$ is added to the kinetic energy, $\\mathit{IA}_j$ the inertia on the joint side. "
         drive = "Drive {} turns with several joints, so its inertia couples them."
         drives = " ".join(drive.format(one.name) for one in robot.couplings)
         items.append(say((text if rotors else "") + drives))

@@ -111,11 +111,9 @@ def draw_robot(robot: Robot, pose: Sequence[float] | Mapping[str, float] | None 
     place = ", ".join(f"{value:.3g}" for value in pose)
     used = {name for entry in robot.joints for name in _list_symbols(entry.placement)}
     unknown = ", ".join(sorted(used - dict(robot.symbols).keys()))
-    caption = (
-        f"Where are the joints of {robot.name}? {moves} at q = ({place}); z of each frame, blue, "
-        f"is the axis of its joint.{' Prismatic joints are orange.' if slides else ''}"
-        f"{f' {unknown}: no value, drawn as {_HALF_METRE} m.' if unknown else ''}"
-    )
+    caption = f"Where are the joints of {robot.name}? {moves} at q = ({place}); z of each frame, blue, "
+    caption += f"is the axis of its joint.{' Prismatic joints are orange.' if slides else ''}"
+    caption += f"{f' {unknown}: no value, drawn as {_HALF_METRE} m.' if unknown else ''}"
     return figures.build_arm_figure(caption, links, joints, frames=frames)
 
 

@@ -151,10 +151,8 @@ def draw_loops(entry: JointTrial, *, opened: bool = False) -> Drawing:
     """Return the joint torque over torsion, or, opened, less the straight line that fits it best."""
     slope = entry.straight if opened else 0.0
     axis = f"joint torque ({entry.unit})"
-    caption = (
-        f"Joint torque of {entry.joint} against torsion: measured, by the identified spring, and the truth "
-        "where it is known. The area of a loop is the energy lost."
-    )
+    caption = f"Joint torque of {entry.joint} against torsion: measured, by the identified spring, and the "
+    caption += "truth where it is known. The area of a loop is the energy lost."
     if opened:
         stiffness = f"{entry.straight:.4g} {entry.unit}/{entry.torsion_unit}"
         axis = f"torque less {stiffness} \N{MULTIPLICATION SIGN} torsion ({entry.unit})"

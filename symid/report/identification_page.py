@@ -220,11 +220,9 @@ def _show_choice(estimate: Estimate) -> Iterator[Block]:
             forms = (".3g", ".3g", ".2g", ".2g")
             sizes = map(format, (entry.held_out, entry.fall, entry.p, entry.consistent), forms)
             rows.append((*bands, entry.states, *sizes, "taken" if entry is choice.chosen else ""))
-        title = (
-            f"The best of {len(first)} settings that were compared, with the one taken: of those that "
-            "predict as well as the best (squared residual over that of the best; p-value) and agree with "
-            "the lowest instruments (p-value) the one of the widest band."
-        )
+        title = f"The best of {len(first)} settings that were compared, with the one taken: of those that "
+        title += "predict as well as the best (squared residual over that of the best; p-value) and agree "
+        title += "with the lowest instruments (p-value) the one of the widest band."
         header = ("band to/Hz", "instruments/Hz", "states", "held out/%", "squares", "p", "agrees, p")
         yield Table((*header, "choice"), rows, (2, 7), title)
 

@@ -33,7 +33,9 @@ if TYPE_CHECKING:
 
 TEMPLATE = "page.html.jinja"
 WRITTEN_BY = f"Written by symid {__version__}"
-UNTESTED = "No log was held out: the model was not tested on another motion. Validate it on one (--validation)."
+UNTESTED = (
+    "No log was held out: the model was not tested on another motion. Validate it on one (--validation)."
+)
 _SIGMA = "within 3\N{GREEK SMALL LETTER SIGMA}"
 _OWN_ANCHORS = ("verdict", "notices", "settings")
 """Of sections that every page has."""
@@ -236,10 +238,8 @@ def draw_certainty(parameters: Sequence[ParameterEstimate]) -> tuple[Drawing, ..
     ]
     if not marks:
         return ()
-    caption = (
-        f"Which parameters are significant? {sum(not mark.chosen for mark in marks)} of {len(marks)} are "
-        f"larger than {SIGNIFICANT:g} standard deviations, the dashed line."
-    )
+    caption = f"Which parameters are significant? {sum(not mark.chosen for mark in marks)} of {len(marks)} "
+    caption += f"are larger than {SIGNIFICANT:g} standard deviations, the dashed line."
     return (build_mark_figure(caption, "size, in standard deviations", marks, dense=True, limit=SIGNIFICANT),)
 
 

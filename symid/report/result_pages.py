@@ -179,10 +179,8 @@ def build_excitation_page(robot: Robot, found: "OptimisedExcitation") -> pages.P
     kept = all(entry.kept for entry in found.margins)
     level = "good" if found.condition <= _WELL else "usable" if found.condition <= _ENOUGH else "doubtful"
     said = "All limits are kept" if kept else "A limit is exceeded"
-    headline = (
-        f"{said}; the condition number is {found.condition:.4g}, "
-        f"{texts.describe_gain(found.factor)} than that of the best random trajectory."
-    )
+    headline = f"{said}; the condition number is {found.condition:.4g}, "
+    headline += f"{texts.describe_gain(found.factor)} than that of the best random trajectory."
     name, most = max(shares, key=lambda entry: entry[1], default=("no limit", 0.0))
     rows = [(run.start, run.condition, run.iterations, run.status) for run in found.runs]
     title = "The search from every start, the best first."
@@ -336,10 +334,8 @@ def build_comparison_page(
             continue
         beyond = sum(mark.chosen for mark in marks)
         rest = f" Shown are the {_MOST_MARKS} farthest." if len(marks) > _MOST_MARKS else ""
-        caption = (
-            f"Which values differ? {beyond} of {len(marks)} by more than three deviations from "
-            f"{entry.other.source.name}, the dashed line.{rest}"
-        )
+        caption = f"Which values differ? {beyond} of {len(marks)} by more than three deviations from "
+        caption += f"{entry.other.source.name}, the dashed line.{rest}"
         label, shown = "difference, in standard deviations", marks[:_MOST_MARKS]
         figures.append(build_mark_figure(caption, label, shown, dense=True, limit=_FAR))
     return _build_page(
@@ -366,10 +362,8 @@ def judge_element(record: hysteresis.HysteresisRecord) -> FitVerdict:
     spread = [entry for entry in record.parameters if entry.deviation > 0.0]
     vague = 2 * sum(entry.deviation > abs(entry.value) for entry in spread) > len(spread)
     level = min(left, unseen, "usable" if vague else "good", key=LEVELS.index)
-    headline = (
-        f"{record.model} with {record.candidates[0].count} parameters: residual {record.fitted:.3g} % of the "
-        f"output, {record.held_out:.3g} % on held-out data."
-    )
+    headline = f"{record.model} with {record.candidates[0].count} parameters: residual {record.fitted:.3g} % "
+    headline += f"of the output, {record.held_out:.3g} % on held-out data."
     if last > record.held_out:
         headline += f" Of the last quarter, predicted from the rest: {last:.3g} %."
     if vague:
@@ -431,9 +425,8 @@ def show_element(record: hysteresis.HysteresisRecord) -> tuple[Block, ...]:
     reason = hysteresis.describe_inversion(record)
     inverse = f"There is none: {reason}." if reason else "It exists, for every output."
     passive = "no motion gets" if record.passive else "some motions may get"
-    facts = (
-        f"Inverse: {inverse}\nPassivity: {passive} work out of the element.\nStart: {_STARTS[record.start]}."
-    )
+    facts = f"Inverse: {inverse}\nPassivity: {passive} work out of the element.\nStart: "
+    facts += f"{_STARTS[record.start]}."
     return (table, tried, facts)
 
 

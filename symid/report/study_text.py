@@ -212,11 +212,9 @@ def show_precision(study: "studies.PrecisionStudy") -> tuple[Block, ...]:
         ratios = (f"{entry.mean_ratio:.3f}", f"{entry.worst_ratio:.3f}", entry.worst)
         percent = (f"{entry.coverage_percent:.1f}", f"{entry.worst_price_percent:.2g}")
         rows.append((entry.method, *ratios, *percent, write_number(entry.least_eigenvalue, ".3g")))
-    title = (
-        f"{study.robot}: {len(study.names)} parameters, five random excitations of {study.samples} "
-        f"samples, condition {study.condition:.3g}, {study.seeds} seeds;\n"
-        "root-mean-square errors over the Cramer-Rao bound"
-    )
+    title = f"{study.robot}: {len(study.names)} parameters, five random excitations of {study.samples} "
+    title += f"samples, condition {study.condition:.3g}, {study.seeds} seeds;\n"
+    title += "root-mean-square errors over the Cramer-Rao bound"
     return (Table(header, rows, (0, 3), title),)
 
 
@@ -227,20 +225,16 @@ def show_cutoff(study: "studies.CutoffStudy") -> tuple[Block, ...]:
         (f"{line.cutoff:g}", *(f"{share:.2f}" for share in (line.decimated, line.plain, line.momentum)))
         for line in study.lines
     ]
-    title = (
-        f"{study.robot}, {study.source}: fitted to the first 60 %, residual of the rest within "
-        f"{study.band:g} Hz in percent;\nthe cut-off that identify takes is {study.chosen:g} Hz"
-    )
+    title = f"{study.robot}, {study.source}: fitted to the first 60 %, residual of the rest within "
+    title += f"{study.band:g} Hz in percent;\nthe cut-off that identify takes is {study.chosen:g} Hz"
     return (Table(header, rows, title=title),)
 
 
 def show_elastic_study(study: "studies.elastic_methods.ElasticStudy") -> tuple[Block, ...]:
     """Return the errors of every method, a table for each set of logs."""
-    head = (
-        f"{study.robot}: errors in percent, median and 90th percentile. param: largest of all dynamic "
-        "parameters; hyst: worse joint on the held-out motion; in range: the same, scaled into the torsion "
-        "of the logs"
-    )
+    head = f"{study.robot}: errors in percent, median and 90th percentile. param: largest of all dynamic "
+    head += "parameters; hyst: worse joint on the held-out motion; in range: the same, scaled into the "
+    head += "torsion of the logs"
     return (head, *map(_show_dataset, study.studies))
 
 
@@ -248,10 +242,8 @@ def _show_dataset(entry: "studies.elastic_methods.DatasetStudy") -> Table:
     plural = "s" if entry.seeds > 1 else ""
     title = f"{entry.dataset}, {entry.condition.value}, {entry.seeds} run{plural}"
     if entry.bound == entry.bound:
-        title += (
-            f"; Cramer-Rao: {entry.bound:.3g} % standard deviation of the least certain parameter, "
-            f"{entry.spring_bound:.3g} % where the form of the springs is known"
-        )
+        title += f"; Cramer-Rao: {entry.bound:.3g} % standard deviation of the least certain parameter, "
+        title += f"{entry.spring_bound:.3g} % where the form of the springs is known"
     timed = any(math.isfinite(cell.seconds) for cell in entry.cells)
     rows = []
     for cell in entry.cells:
@@ -291,12 +283,11 @@ def show_foreign(study: "studies.foreign_truths.ForeignStudy") -> tuple[Block, .
             for name, entry in zip(names, study.truths, strict=True)
         ]
         tables.append(Table(["truth", *methods], rows, title=title))
-    note = (
-        "worst: parameter error in percent of the largest of its kind; z: errors over stated deviations; "
-        "spring: its torque on the held-out motion in percent; best: method of the least median error; "
-        "ratio: error of the choice over the least one of all methods in the same run; near: runs where that "
-        "is at most 1.2; near best: runs where the choice is at most 1.2 times as far off as the best method"
-    )
+    note = "worst: parameter error in percent of the largest of its kind; z: errors over stated deviations; "
+    note += "spring: its torque on the held-out motion in percent; best: method of the least median error; "
+    note += "ratio: error of the choice over the least one of all methods in the same run; near: runs where "
+    note += "that is at most 1.2; near best: runs where the choice is at most 1.2 times as far off as the "
+    note += "best method"
     title = f"{study.arm}: automatic choice on hidden models, medians over {study.truths[0].seeds} seeds"
     return (Table((*header, "near best"), chosen, left=(0, 4, 5, 6), title=title, note=note), *tables)
 
@@ -325,10 +316,8 @@ def show_many_joints(result: "studies.elastic_methods.ManyJointsResult") -> Tabl
         for entry in result.methods
         for suffix, values in (("", entry.residual), (", true parameters", entry.floor))
     ]
-    title = (
-        f"{result.robot}, {result.condition.value}: {result.parameters} parameters; residual of the torque "
-        "of a held-out motion, in percent"
-    )
+    title = f"{result.robot}, {result.condition.value}: {result.parameters} parameters; residual of the "
+    title += "torque of a held-out motion, in percent"
     sizes = f"elimination {result.condition_elimination:.3g}, energy {result.condition_energy:.3g}"
     conditions = f"condition of the column-scaled regressor: {sizes}"
     return Table(["method", *result.joints], rows, title=title, note=conditions)

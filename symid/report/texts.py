@@ -78,11 +78,9 @@ def show_robot_check(robot: Robot, checked: "LogsCheck", *, brief: bool = False)
         first = max(0, found.rank - _SINGULAR // 2)
         shown = [f"{value:.2g}" for value in found.singular[first : first + _SINGULAR]]
         shown.insert(found.rank - first, "|")
-        text = (
-            f"Identifiability: {counts}; condition {found.condition:.3g}\n"
-            f"singular values of the scaled matrix about its rank {found.rank} of {len(found.singular)}: "
-            f"{'... ' if first else ''}{' '.join(shown)}"
-        )
+        text = f"Identifiability: {counts}; condition {found.condition:.3g}\n"
+        text += f"singular values of the scaled matrix about its rank {found.rank} of {len(found.singular)}: "
+        text += f"{'... ' if first else ''}{' '.join(shown)}"
         if brief:
             weak = tuple(entry for entry in found.parameters if entry.verdict != _VERDICTS[0])
             found = replace(found, parameters=weak)
@@ -126,14 +124,11 @@ def show_excitation(found: "OptimisedExcitation") -> tuple[Block, ...]:
     shares = {(margin.kind, margin.name): f"{margin.share:.1%}" for margin in known}
     kinds, names = (tuple(dict.fromkeys(key[place] for key in shares)) for place in (0, 1))
     rows = [[name, *(shares.get((kind, name)) for kind in kinds)] for name in names]
-    head = (
-        f"{found.trajectory.source}, {found.trajectory.duration:g} s\n"
-        f"condition number of the regressor (column-scaled): {found.condition:.4g}\n"
-        f"  best of the random feasible trajectories {found.random_condition:.4g}, their median "
-        f"{found.random_median:.4g}; {describe_gain(found.factor)} than the best\n"
-        f"information per parameter (mean logarithm): {found.information:.4g}, most of the random ones "
-        f"{found.random_information:.4g}"
-    )
+    head = f"{found.trajectory.source}, {found.trajectory.duration:g} s\ncondition number of the regressor "
+    head += f"(column-scaled): {found.condition:.4g}\n  best of the random feasible trajectories "
+    head += f"{found.random_condition:.4g}, their median {found.random_median:.4g}; "
+    head += f"{describe_gain(found.factor)} than the best\ninformation per parameter (mean logarithm): "
+    head += f"{found.information:.4g}, most of the random ones {found.random_information:.4g}"
     title = "part of each limit that is used, at most:"
     places = [[margin.name, margin.value] for margin in found.margins if margin.share is None]
     clearances = [Table(("place", "least clearance/m"), places)] if places else []
@@ -228,10 +223,8 @@ def show_estimate(estimate: "estimators.Estimate", *, brief: bool = False) -> tu
 
     `brief` leaves the residual of all rows out where there is one of what was held out.
     """
-    headline = (
-        f"{estimate.robot}: {estimate.rows}, {estimate.estimator}, {estimate.samples} equations, condition "
-        f"{estimate.condition:.3g}: {estimate.ending}"
-    )
+    headline = f"{estimate.robot}: {estimate.rows}, {estimate.estimator}, {estimate.samples} equations, "
+    headline += f"condition {estimate.condition:.3g}: {estimate.ending}"
     truth = {"truth": "truth", "within 3 std": "near_truth"} if estimate.simulated else _STATED
     table = _show_parameters(estimate.parameters, ".3g", truth)
     lines = []
@@ -292,9 +285,8 @@ def show_evidence(evidence: "estimators.Evidence") -> Table:
         for entry in evidence.joints
     ]
     header = ("joint", "fit/%", "held out/%", "fast/%", "slow/%", "samples left out/%")
-    title = (
-        f"Residual below {evidence.scoring:.3g} Hz, relative to the torque; cross-validation over {parts}."
-    )
+    title = f"Residual below {evidence.scoring:.3g} Hz, relative to the torque; cross-validation over "
+    title += f"{parts}."
     return Table((*header, "torque rms"), rows, title=title)
 
 
@@ -723,21 +715,17 @@ def warn_compared(found: "Compared") -> Iterator[Notice]:
         return f'--read-as "{found.groups[reading.group].text} = {_write_reading(found, reading)[1]}"'
 
     if found.other.shared:
-        text = (
-            f"both estimates were fitted to {', '.join(found.other.shared)}: their errors are not "
-            "independent, and differences should be smaller than deviations; compare fits of other logs"
-        )
+        text = f"both estimates were fitted to {', '.join(found.other.shared)}: their errors are not "
+        text += "independent, and differences should be smaller than deviations; compare fits of other logs"
         yield Notice(code="compare.shared-logs", text=text, file=file)
     for coupling in dict.fromkeys(reading.coupling for reading, _ in found.readings if reading.coupling):
         entries = [entry for entry in found.readings if entry[0].coupling == coupling]
         sure = [entry for entry in entries if entry[1].decisive]
         if not sure:
             continue
-        text = (
-            f"{'; '.join(describe(*entry) for entry in sure)}. The other seems to count what "
-            f"drive {coupling!r} adds to a single joint to that joint (an inference); to compare so: "
-            f"{' '.join(write_option(reading) for reading, _ in sure)}"
-        )
+        text = f"{'; '.join(describe(*entry) for entry in sure)}. The other seems to count what "
+        text += f"drive {coupling!r} adds to a single joint to that joint (an inference); to compare so: "
+        text += f"{' '.join(write_option(reading) for reading, _ in sure)}"
         undecided = "; ".join(
             f"{write_option(reading)} changes chi-square by {-tried.gain:+.1f}"
             for reading, tried in entries

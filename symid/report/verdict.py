@@ -158,10 +158,8 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
     """Return level, headline and limits: prediction, consistency, physics, data and causes."""
     percent = evidence.unexplained
     parts = f"{evidence.logs} logs" if evidence.logs else f"{evidence.stretches} stretches"
-    headline = (
-        f"Held-out residual below {evidence.scoring:.3g} Hz: {percent:.3g} % of the torque (cross-validation "
-        f"over {parts})."
-    )
+    headline = f"Held-out residual below {evidence.scoring:.3g} Hz: {percent:.3g} % of the torque "
+    headline += f"(cross-validation over {parts})."
     level, caps, causes = rate_output(percent), list[tuple[str, str]](), evidence.causes
     if causes:
         # A single mistake that leaves much makes a fit wrong.
@@ -266,10 +264,8 @@ def judge_identification(estimate: Estimate, validations: Sequence[Validation]) 
     held_out = [validation for validation in validations if not validation.fitted]
     evidence = estimate.evidence
     logs = "one log" if len(estimate.sources) == 1 else f"{len(estimate.sources)} logs"
-    text = (
-        f"Fitted to {logs}, {estimate.samples} {estimate.rows} samples: residual "
-        f"{estimate.mean_relative_percent:.3g} % (mean over joints)."
-    )
+    text = f"Fitted to {logs}, {estimate.samples} {estimate.rows} samples: residual "
+    text += f"{estimate.mean_relative_percent:.3g} % (mean over joints)."
     details = [text, *([_FITTED] if len(held_out) < len(validations) else [])]
     # Small parameters of a large robot are uncertain in any log; their deviations say so.
     words, more = _judge_parameters(
@@ -421,9 +417,8 @@ def _judge_parameters(
             level = "doubtful" if 2 * len(missed) > whole else "usable"
             caps.append((level, f"estimates differ significantly from true values: {', '.join(missed)}"))
     if not small and 2 * len(uncertain) > len(parameters):
-        text = (
-            f"{len(uncertain)} of {len(parameters)} parameters are uncertain by over {POLICY.uncertain:g} %"
-        )
+        text = f"{len(uncertain)} of {len(parameters)} parameters are uncertain by over {POLICY.uncertain:g} "
+        text += "%"
         caps.append(("usable", text))
     if refused:
         names = ", ".join(name for name, _ in refused)
@@ -436,10 +431,8 @@ def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
     """Return the verdict on dynamics and springs, and on what they predict of logs."""
     held_out = [trial for trial in trials if not trial.fitted]
     worst = max(entry.relative_percent for entry in estimate.residual)
-    text = (
-        f"Method {estimate.method} ({estimate.outcome.value}): residual at most {worst:.3g} % of a motor's "
-        "torque in the logs of the fit."
-    )
+    text = f"Method {estimate.method} ({estimate.outcome.value}): residual at most {worst:.3g} % of a "
+    text += "motor's torque in the logs of the fit."
     details = [text, *([_FITTED] if len(held_out) < len(trials) else [])]
     caps: Caps = _find_lost(estimate.residual, _OWN)
     for trial in held_out:
@@ -474,10 +467,8 @@ def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
 def _judge_stretches(estimate: ElasticEstimate, evidence: ElasticEvidence) -> tuple[str, str, Caps]:
     """Return level, headline and limits by held-out stretches of the logs, and by what springs leave."""
     percent, noise = max(evidence.held_out), max(evidence.noise)
-    text = (
-        f"Held-out residual of the dynamics at most {percent:.3g} % of a motor's torque, {noise:.2g} times "
-        "its noise"
-    )
+    text = f"Held-out residual of the dynamics at most {percent:.3g} % of a motor's torque, {noise:.2g} "
+    text += "times its noise"
     told = {spring.joint for spring in estimate.springs if spring.identifiable}
     joints = zip(evidence.springs, estimate.residual, strict=False)
     springs = [share for share, entry in joints if entry.joint in told]
@@ -487,10 +478,8 @@ def _judge_stretches(estimate: ElasticEstimate, evidence: ElasticEvidence) -> tu
     # Of a parameter; beyond its limit it is no chance.
     apart, known = (100.0 * POLICY.relevance * ratio for ratio in (evidence.contradiction, evidence.known))
     if _rate(apart) != "good":
-        reason = (
-            "the dynamics with springs differ from those without: encoders or springs differ from the model "
-            f"(a parameter by {apart:.2g} %)"
-        )
+        reason = "the dynamics with springs differ from those without: encoders or springs differ from the "
+        reason += f"model (a parameter by {apart:.2g} %)"
         caps.append((_rate(apart), reason))
     if evidence.drifting:
         caps.append(("usable", f"friction of {', '.join(evidence.drifting)} changes during the logs"))
@@ -521,10 +510,8 @@ def _judge_springs(trials: Sequence[ElasticTrial]) -> tuple[str, str, str]:
         scale = float(joint.torsion @ joint.torsion)
         stiffness = float(joint.torsion @ joint.link) / scale if scale else 0.0
         linear = max(linear, _compute_share(joint.link, stiffness * joint.torsion))
-    headline = (
-        f"On held-out motions the residual of the springs is at most {spring:.3g} % of a joint's torque "
-        f"({worst}), of the dynamics {whole}."
-    )
+    headline = f"On held-out motions the residual of the springs is at most {spring:.3g} % of a joint's "
+    headline += f"torque ({worst}), of the dynamics {whole}."
     verb = "better" if spring <= (1.0 - POLICY.relevance) * linear else "no better"
     text = f"The residual of the best linear springs is {linear:.3g} %: springs with memory predict {verb}."
     return _rate(max(dynamics, spring)), headline, text

@@ -48,10 +48,8 @@ def refuse_rigid_joints(robot: Robot) -> None:
     """Raise a UsageError for a robot to be simulated as an elastic one that has rigid joints."""
     names = [joint.name for joint, elastic in zip(robot.axes, robot.elastic, strict=True) if not elastic]
     if names:
-        text = (
-            f"robot {robot.name!r} cannot be simulated with elastic joints: without [joint.elasticity] are "
-            f"{', '.join(names)}; give one to all joints or to none"
-        )
+        text = f"robot {robot.name!r} cannot be simulated with elastic joints: without [joint.elasticity] "
+        text += f"are {', '.join(names)}; give one to all joints or to none"
         raise UsageError(Notice(code="usage.not-elastic", text=text))
 
 
@@ -76,14 +74,10 @@ def get_elastic_values(robot: Robot, card: ModelCard) -> ElasticValues:
     gentle |= {coupling.name for coupling in robot.couplings if coupling.friction.smoothing > 0.0}
     dry = [entry for entry in card.friction if entry.name.startswith("Fc") and entry.value]
     sharp = [entry.name for entry in dry if entry.joint not in gentle]
-    known = (
-        " cannot be simulated: its file states no value for {}; give mass, centre of mass and inertia of "
-        "every link, rotor inertia, friction and elasticity of every joint"
-    )
-    smooth = (
-        ": the dry friction {} jumps at standstill, which elastic simulation does not support; give "
-        "[joint.friction] a `smoothing` speed, such as 0.01 rad/s"
-    )
+    known = " cannot be simulated: its file states no value for {}; give mass, centre of mass and inertia of "
+    known += "every link, rotor inertia, friction and elasticity of every joint"
+    smooth = ": the dry friction {} jumps at standstill, which elastic simulation does not support; give "
+    smooth += "[joint.friction] a `smoothing` speed, such as 0.01 rad/s"
     rules = (
         (unknown, "unknown-values", known),
         (light, "not-positive", " cannot be simulated: the rotor_inertia of {} must be positive"),

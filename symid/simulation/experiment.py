@@ -166,10 +166,8 @@ def pick_poses(desired: FloatArray) -> FloatArray:
 def compute_inertias(robot: Robot, mass: FloatArray) -> FloatArray:
     """Return 1 / (M^-1)_jj (K, n) over M (K, n, n): what a joint feels, others free; refuse a singular M."""
     if not np.all(np.linalg.eigvalsh(mass) > 0.0):
-        text = (
-            f"robot {robot.name!r} cannot be simulated: its mass matrix is singular, a joint moves without "
-            "inertia; give every moved link a mass with an inertia, or its drive a rotor_inertia"
-        )
+        text = f"robot {robot.name!r} cannot be simulated: its mass matrix is singular, a joint moves "
+        text += "without inertia; give every moved link a mass with an inertia, or its drive a rotor_inertia"
         raise SolverError(Notice(code="simulate.massless", text=text))
     return np.asarray(1.0 / np.diagonal(np.linalg.inv(mass), axis1=1, axis2=2))
 
@@ -205,10 +203,8 @@ def check_balance(
         text = f"the simulated run has values that are not finite; {_REMEDY}"
         raise SolverError(Notice(code="simulate.not-finite", text=text))
     if most > _LARGEST_GAP * scale:
-        text = (
-            f"the energy balance of the run has a relative error of {most / scale:.2g} (allowed "
-            f"{_LARGEST_GAP:g}): the motion is too fast for the integration steps; {_REMEDY}"
-        )
+        text = f"the energy balance of the run has a relative error of {most / scale:.2g} (allowed "
+        text += f"{_LARGEST_GAP:g}): the motion is too fast for the integration steps; {_REMEDY}"
         raise SolverError(Notice(code="simulate.energy", text=text))
     return gap, most / max(float(np.abs(work).max()), float(np.finfo(np.float64).tiny))
 
@@ -238,17 +234,13 @@ def check_following(
         if gap[number] <= max(float(np.ptp(desired[:, number])), _NEAR_ENOUGH[slides]):
             continue
         limit, share = limits[number], float(np.mean(np.abs(torque[:, number]) >= limits[number]))
-        bound = (
-            f"its torque limit is {limit:g} {force}, reached during {100 * share:.1f} % of the run; raise it "
-            "in the robot file, lighten the links, slow the motion down (--scale)"
-        )
+        bound = f"its torque limit is {limit:g} {force}, reached during {100 * share:.1f} % of the run; "
+        bound += "raise it in the robot file, lighten the links, slow the motion down (--scale)"
         weak = "its gains are too low for that; raise --bandwidth or --stiffness and --damping"
-        text = (
-            f"the controller did not hold joint {joint.name!r}: it was up to {gap[number]:.3g} {unit} from "
-            f"its reference, which moves by {np.ptp(desired[:, number]):.3g} {unit}; its weight along the "
-            f"reference takes up to {weight[number]:.3g} {force}, and {bound if share else weak}, or choose "
-            "another motion (--trajectory)"
-        )
+        text = f"the controller did not hold joint {joint.name!r}: it was up to {gap[number]:.3g} {unit} "
+        text += f"from its reference, which moves by {np.ptp(desired[:, number]):.3g} {unit}; its weight "
+        text += f"along the reference takes up to {weight[number]:.3g} {force}, and "
+        text += f"{bound if share else weak}, or choose another motion (--trajectory)"
         notices.append(Notice(code="simulate.not-held", text=text))
     if notices:
         raise SolverError(*notices)
@@ -265,11 +257,10 @@ def describe_runaway(
     limits = get_limits(robot, "torque")[gone]
     limited = " or raise its torque limit in the robot file" if np.any(np.isfinite(limits)) else ""
     lower = "" if bandwidth is None else f"--bandwidth ({bandwidth:.3g} Hz) or "
-    text = (
-        f"the controlled robot became unstable at t = {tick * period:g} s, at joint "
-        f"{', '.join(map(repr, names))}; lower {lower}the gains (--stiffness, --damping), shorten --period "
-        f"({period:g} s), slow the motion down (--scale), or give links with mass an inertia{limited}"
-    )
+    text = f"the controlled robot became unstable at t = {tick * period:g} s, at joint "
+    text += f"{', '.join(map(repr, names))}; lower {lower}the gains (--stiffness, --damping), shorten "
+    text += f"--period ({period:g} s), slow the motion down (--scale), or give links with mass an "
+    text += f"inertia{limited}"
     return Notice(code="simulate.unstable", text=text)
 
 
@@ -474,13 +465,11 @@ def _complete_controller(
     result = "at which the loops are stable at all poses of the motion"
     if not stable:
         result = "at which the loops may be unstable all the same at some pose of the motion"
-    text = (
-        f"the bandwidth of the controller {change}, with gains of the lowest inertia along the motion in "
-        f"place of the mean, and of viscous friction, {result}: the inertia that joint {name!r} feels, "
-        f"{lowest[joint]:.2g} to {inertias[:, joint].max():.2g} kg m^2 or kg, varies most, and its stiffness "
-        f"is {after:.3g} instead of {before:.3g} N m/rad or N/m. Shorten --period for more, or set "
-        "--bandwidth, or --stiffness and --damping"
-    )
+    text = f"the bandwidth of the controller {change}, with gains of the lowest inertia along the motion in "
+    text += f"place of the mean, and of viscous friction, {result}: the inertia that joint {name!r} feels, "
+    text += f"{lowest[joint]:.2g} to {inertias[:, joint].max():.2g} kg m^2 or kg, varies most, and its "
+    text += f"stiffness is {after:.3g} instead of {before:.3g} N m/rad or N/m. Shorten --period for more, or "
+    text += "set --bandwidth, or --stiffness and --damping"
     return found, bandwidth, (Notice(code="simulate.bandwidth", text=text),)
 
 
@@ -682,10 +671,8 @@ def simulate_elastic(
 def check_sensor_options(robot: Robot, sensors: SimulateOptions) -> None:
     """Refuse, by a UsageError, a delay or an offset between encoders for a robot without elastic joints."""
     if not any(robot.elastic) and (sensors.delay or sensors.offset):
-        text = (
-            f"--delay and --offset are between motor and link encoders, and {robot.name} has no elastic "
-            "joint; leave them out"
-        )
+        text = f"--delay and --offset are between motor and link encoders, and {robot.name} has no elastic "
+        text += "joint; leave them out"
         raise UsageError(Notice(code="usage.rigid-sensors", text=text))
 
 

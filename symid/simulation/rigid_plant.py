@@ -133,10 +133,8 @@ def get_parameter_values(parameters: tuple[codegen.ParameterCard, ...], robot: s
     """Return the values of parameters, (p,), or raise a UsageError if the robot file does not state them."""
     unknown = [parameter.name for parameter in parameters if parameter.value is None]
     if unknown:
-        text = (
-            f"robot {robot!r} cannot be simulated: its file states no value for {', '.join(unknown)}; "
-            "give mass, centre of mass, inertia and friction of every link"
-        )
+        text = f"robot {robot!r} cannot be simulated: its file states no value for {', '.join(unknown)}; "
+        text += "give mass, centre of mass, inertia and friction of every link"
         raise UsageError(Notice(code="usage.unknown-values", text=text))
     return np.array([parameter.value for parameter in parameters], dtype=np.float64)
 
@@ -176,11 +174,9 @@ def _refuse_shared(card: ModelCard, columns: FloatArray, rest: FloatArray, start
         shared = np.any(np.any(start != rest, axis=1)[others], axis=0)
     names = [parameter.name for parameter, found in zip(card.friction, shared, strict=True) if found]
     if names:
-        text = (
-            f"robot {card.robot!r} has a drive that turns with several joints: its friction "
-            f"({', '.join(names)}) makes one joint depend on the speed of another, and such joints cannot "
-            "stick in simulation; leave that friction out of the robot file"
-        )
+        text = f"robot {card.robot!r} has a drive that turns with several joints: its friction "
+        text += f"({', '.join(names)}) makes one joint depend on the speed of another, and such joints "
+        text += "cannot stick in simulation; leave that friction out of the robot file"
         raise UsageError(Notice(code="usage.shared-friction", text=text))
 
 
@@ -270,10 +266,8 @@ def check_friction_at_speeds(lines: FrictionLines, joints: Sequence[JointCard], 
             joint, start = joints[number], "from standstill on"
             if driven[0] > _SLOWEST:
                 start = f"above about {driven[0]:.2g} {joint.position_unit}/s"
-            text = (
-                f"joint {joint.name!r}: friction must oppose motion, but it drives the joint {start}; "
-                "correct its values, or state a lower velocity limit"
-            )
+            text = f"joint {joint.name!r}: friction must oppose motion, but it drives the joint {start}; "
+            text += "correct its values, or state a lower velocity limit"
             notices.append(Notice(code="usage.negative-friction", text=text))
     if notices:
         raise UsageError(*notices)
@@ -622,12 +616,10 @@ class RigidPlant:
         viscous: NDArray[np.bool_] = np.any(lines.viscous != 0.0, axis=0)
         found = next((kind for kind in (creeps, lines.curved, viscous) if kind.any()), viscous)
         names = [joint.name for joint, steep in zip(self._joints, found, strict=True) if steep]
-        text = (
-            f"the friction of {' or '.join(map(repr, names))} is too steep around standstill for "
-            f"{steps} steps within {duration:g} s; widen its transition (dq0, smoothing; lower g2, "
-            "g3, g5), or use a model that jumps at standstill, such as stribeck; steps of the compiled "
-            "plant, which needs a C compiler, are implicit and do much more"
-        )
+        text = f"the friction of {' or '.join(map(repr, names))} is too steep around standstill for "
+        text += f"{steps} steps within {duration:g} s; widen its transition (dq0, smoothing; lower g2, "
+        text += "g3, g5), or use a model that jumps at standstill, such as stribeck; steps of the compiled "
+        text += "plant, which needs a C compiler, are implicit and do much more"
         return Notice(code="simulate.steep-friction", text=text)
 
     def _accelerate(self, q: FloatArray, dq: FloatArray, push: FloatArray, held: list[int]) -> FloatArray:
@@ -699,16 +691,12 @@ def _describe_failure(end: str, q: FloatArray, duration: float) -> Notice:
     """Return the notice on a motion that ended as "chatter" or "not-converged" at `q`."""
     pose = ", ".join(f"{value:.3g}" for value in q.tolist())
     if end == "chatter":
-        text = (
-            f"joints came to rest more than {_MOST_EVENTS} times within {duration:g} s, at q = {pose}; lower "
-            "the control gains or the friction, or shorten the control period"
-        )
+        text = f"joints came to rest more than {_MOST_EVENTS} times within {duration:g} s, at q = {pose}; "
+        text += "lower the control gains or the friction, or shorten the control period"
     else:
-        text = (
-            f"at q = {pose} no choice of joints that rest and joints that slide fits the torques: the mass "
-            "matrix is not positive definite there, or friction grows with the load too much; correct the "
-            "masses, inertias and friction of the robot"
-        )
+        text = f"at q = {pose} no choice of joints that rest and joints that slide fits the torques: the "
+        text += "mass matrix is not positive definite there, or friction grows with the load too much; "
+        text += "correct the masses, inertias and friction of the robot"
     return Notice(code=f"simulate.{end}", text=text)
 
 

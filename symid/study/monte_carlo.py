@@ -86,10 +86,8 @@ def run_tasks(
             for worker in set(multiprocessing.active_children()) - others:
                 worker.terminate()
             if isinstance(error, BrokenProcessPool):
-                text = (
-                    f"a worker process was killed after {len(results)} of {len(tasks)} tasks; memory may "
-                    "have run out: try again with fewer jobs"
-                )
+                text = f"a worker process was killed after {len(results)} of {len(tasks)} tasks; memory may "
+                text += "have run out: try again with fewer jobs"
                 raise SolverError(Notice(code="solver.worker-lost", text=text)) from error
             raise
     return tuple(results)

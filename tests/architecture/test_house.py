@@ -8,7 +8,7 @@ from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
     "files of symid/": 223,
-    "lines": 83_554,  # Clocks by other names, words for missing values, the bend of laws.
+    "lines": 83_426,  # Clocks by other names, words for missing values, the bend of laws.
     "imports inside functions": 76,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
     "lines of tests": 61_497,  # Each warning says what to do, long logs pass in parts: that is tested.

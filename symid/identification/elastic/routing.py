@@ -200,11 +200,9 @@ def choose_route(
     stated = (robot.log.position, robot.log.link_position)
     columns, known = (() if quantity is None else quantity.columns for quantity in stated)
     if without and columns and all(name in known or _LINK_NAME.fullmatch(name) for name in columns):
-        text = (
-            f"its one position ({', '.join(columns)}) is that of the links, but friction and rotors turn "
-            "with the motors: elastic joints cannot be identified from it. Name the columns of the motors in "
-            "[log.motor_position], or in [log.position] alone"
-        )
+        text = f"its one position ({', '.join(columns)}) is that of the links, but friction and rotors turn "
+        text += "with the motors: elastic joints cannot be identified from it. Name the columns of the "
+        text += "motors in [log.motor_position], or in [log.position] alone"
         raise LogError(*(Notice(code="elastic.link-side", text=text, file=one.source) for one in recordings))
     return "motor-side"
 

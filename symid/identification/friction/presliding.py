@@ -373,9 +373,8 @@ def _build_fit(problem: MemoryProblem, shape: FloatArray, tried: int) -> MemoryF
     samples, law, rows, found = problem.samples, problem.law, problem.samples.rows, problem.fit(shape)
     coulomb = problem.list_values(found.linear, shape)[0][[entry.name for entry in law.linear].index("Fc")]
     if not coulomb > 0.0:
-        text = (
-            f"joint {samples.joint!r}: these samples show no dry friction with the hysteresis of {law.name!r}"
-        )
+        text = f"joint {samples.joint!r}: these samples show no dry friction with the hysteresis of "
+        text += f"{law.name!r}"
         raise IdentifiabilityError(Notice(code="friction.presliding-nothing", text=text))
     size, count = len(shape), len(found.linear)
     own = problem.compute_columns(shape)

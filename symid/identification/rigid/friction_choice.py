@@ -418,10 +418,8 @@ def choose_laws(
         name, *more = (wish.law,) if isinstance(wish, FrictionValues) else wish
         if not more and name != NO_FRICTION and (missing := set(get_law(name).inputs) - inputs):
             what = " and ".join(sorted(missing))
-            text = (
-                f"joint {card.name!r}: the friction law {name!r} reads the {what}, which not all logs have: "
-                f"name its columns in [log.{min(missing)}], or take another law"
-            )
+            text = f"joint {card.name!r}: the friction law {name!r} reads the {what}, which not all logs "
+            text += f"have: name its columns in [log.{min(missing)}], or take another law"
             lacking.append(Notice(code="identify.friction-input", text=text))
     if lacking:
         raise IdentifiabilityError(*lacking)
@@ -485,11 +483,9 @@ def _judge_loads(
     """Return what was done with measured loads, and warnings where these have another gain."""
     judged = [k for k, law in enumerate(laws) if law.selection is not None and motion.measured[k]]
     names = ", ".join(repr(laws[k].joint) for k in judged)
-    text = (
-        f"joint{'s'[: len(judged) > 1]} {names}: friction laws were chosen from the torque of the motor less "
-        "the measured load, rotor inertias fitted jointly, so that errors of the link model do not enter; "
-        "their values are then fitted with the whole robot"
-    )
+    text = f"joint{'s'[: len(judged) > 1]} {names}: friction laws were chosen from the torque of the motor "
+    text += "less the measured load, rotor inertias fitted jointly, so that errors of the link model do not "
+    text += "enter; their values are then fitted with the whole robot"
     found = [Notice(code="identify.measured-load", text=text)] if judged else []
     for k in judged:
         warnings = warn_of_load_gain(friction_tables.measure_gain(motion, k, nodes[k].law, nodes[k].shape))
@@ -538,11 +534,9 @@ def measure_law_errors(
             error[list(moved)] = [math.sqrt(weight) * (own[name] - values[k]) for k, name in moved.items()]
             found.append(error)
             if friction.law == law.friction.law != joint.friction:
-                text = (
-                    f"joint {joint.name!r}: in slow motion, too, {law.selection.verdict} The standard "
-                    f"deviations of {', '.join(moved.values())} include the change by that law; --friction "
-                    "auto takes it"
-                )
+                text = f"joint {joint.name!r}: in slow motion, too, {law.selection.verdict} The standard "
+                text += f"deviations of {', '.join(moved.values())} include the change by that law; "
+                text += "--friction auto takes it"
                 notices.append(Notice(code="identify.friction-law", text=text))
     return np.array(found).reshape(-1, len(values)), tuple(notices)
 
@@ -563,12 +557,10 @@ def compare_friction(choice: FrictionChoice, fitted: Mapping[str, FrictionValues
         # A constant is an error of the sensor, or a weight.
         apart = 100.0 * float(np.std(whole - own) / max(np.std(own), numerics.TINY))
         if apart > POLICY.good:
-            text = (
-                f"joint {law.joint!r}: friction fitted with the whole robot differs by {apart:.2g} % from "
-                "that of the motor side alone (motor torque less measured load): the link model has errors, "
-                "or the factor of the load is wrong. For friction without a model of the links, identify "
-                "with --rows friction"
-            )
+            text = f"joint {law.joint!r}: friction fitted with the whole robot differs by {apart:.2g} % from "
+            text += "that of the motor side alone (motor torque less measured load): the link model has "
+            text += "errors, or the factor of the load is wrong. For friction without a model of the links, "
+            text += "identify with --rows friction"
             found.append(Notice(code="identify.load-friction", text=text))
     return tuple(found)
 
