@@ -8,13 +8,14 @@ import pytest
 from symid.identification.judge import POLICY
 from tests.architecture.source import PACKAGE
 
-MOST = 159
+MOST = 160
 """Numbers of the rooms of identification and of the verdict: every change lowers them, or says why not.
 
 The search of gravity and zeros has five: states and steps of its differences, a grid, a largest step, and how
 far gravity differs on Earth. The
 test of laws that are much alike has its number of exchanges. What bodies differ from drawings by, and the
-least deviation of a spring's torque, replace accusations and promises that were wrong.
+least deviation of a spring's torque, replace accusations and promises that were wrong. From which part of
+its bend on slow samples show a friction law was one, which was in no table.
 """
 POLICY_FILE = PACKAGE / "identification" / "judge" / "policy.py"
 

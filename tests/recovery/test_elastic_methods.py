@@ -138,8 +138,8 @@ def test_a_step_makes_the_merit_less_and_no_numbers_end_the_iteration(arm, run, 
     plain = build(arm[1], [run.recording], ElasticOptions(refine=False, stops=4, knees=2, iterations=3))
     fit = fit_two_step(plain)
     assert (fit.outcome, len(fit.history)) == (Ending.LIMIT, 3)
-    for spring, grid in zip(fit.elasticity, plain.thresholds, strict=True):
-        assert {stop.threshold for stop in spring.stops} <= set(grid)
+    for spring, data in zip(fit.elasticity, plain.springs, strict=True):
+        assert {stop.threshold for stop in spring.stops} <= set(data.thresholds)
     broken = replace(after, chi=np.full_like(after.chi, np.nan))
     monkeypatch.setattr(together, "step_two_step", lambda _problem, _state: broken)
     fit = fit_two_step(problem)
