@@ -126,8 +126,8 @@ class Policy:
         0.5,
         "part of the speed at which a friction law bends, from which on slow samples of its joint are kept",
         "at vs / 2 the Stribeck effect is 0.8 of its height, at vs 0.4; measured on an arm with six laws",
-        "halved: samples beside standstill bias inertias; doubled: height and speed of the bend are hardly "
-        "told apart, and slow motion is predicted a tenth worse",
+        "halved: samples beside standstill bias inertias; doubled: height and speed of the bend are poorly "
+        "identifiable, and slow motion is predicted a tenth worse",
     )
     scale: float = _number(
         3.0,
