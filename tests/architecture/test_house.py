@@ -11,7 +11,7 @@ MOST = {
     "lines": 83_426,  # Clocks by other names, words for missing values, the bend of laws.
     "imports inside functions": 76,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
-    "lines of tests": 61_498,  # Each warning says what to do, long logs pass in parts: that is tested.
+    "lines of tests": 61_500,  # Each warning says what to do, long logs pass in parts: that is tested.
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }
