@@ -39,6 +39,13 @@ _LOW = 8
 _LONG = 24
 """Letters of a cell that may be broken into lines."""
 _HEADING = re.compile(r"(={2,3}) (.*) \1")
+SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+_POWER = "\N{MULTIPLICATION SIGN}10(?=[⁻⁰¹²³⁴⁵⁶⁷⁸⁹])"
+_PLAIN = str.maketrans(
+    dict(zip("⁻⁰¹²³⁴⁵⁶⁷⁸⁹\N{MINUS SIGN}\N{PLUS-MINUS SIGN}", (*"-0123456789-", "+-"), strict=True))
+)
+_ONE_DIGIT = 3.0
+_MOST_DECIMALS = 6
 _SIZE = re.compile(r'viewBox="0 0 ([0-9.]+) ([0-9.]+)"')
 
 
@@ -63,7 +70,7 @@ class Table:
         """Return the table as it stands in a terminal."""
         cells, fold = [self.header], self.fold
         wrap = textwrap.TextWrapper(fold, break_long_words=False, break_on_hyphens=False).wrap
-        for texts in ([_format_cell(cell) for cell in row] for row in self.rows):
+        for texts in ([_write_plain(_format_cell(cell)) for cell in row] for row in self.rows):
             # A long cell has several lines.
             is_long = fold and any(len(text) > fold for text in texts)
             parts = [wrap(text) if is_long else [text] for text in texts]
@@ -265,3 +272,55 @@ def _format_cell(value: object) -> str:
         case float() as number:
             return f"{number:.5g}" if math.isfinite(number) else "-"
     return str(value)
+
+
+def _write_plain(text: str) -> str:
+    """Return the text of `format_pair` as a terminal of any encoding shows it."""
+    return re.sub(_POWER, "e", text).translate(_PLAIN)
+
+
+def format_digits(value: float) -> str:
+    """Return two digits, more from 100 on, where two would need a power of ten; "-" if it is not finite."""
+    if not math.isfinite(value):
+        return "-"
+    return f"{value:.0f}" if 99.5 <= value < 1e6 else f"{value:.2g}"
+
+
+def format_pair(value: float, std: float) -> str:
+    """Return a value with its deviation in matching digits: two of the deviation, one from 30 on.
+
+    Without a finite deviation the value has five digits.
+    """
+    if not math.isfinite(std) or std <= 0.0:
+        return write_minus(f"{value:.5g}")
+    return format_in_digits((value, std), std, " \N{PLUS-MINUS SIGN} ")
+
+
+def format_in_digits(values: Sequence[float], std: float, between: str) -> str:
+    """Return values in the digits that one of this deviation has."""
+    place = math.floor(math.log10(std))
+    # Two digits of 10 to 29, one of 30 to 99: the deviation of a deviation is no better.
+    decimals = 1 - place if std / 10.0**place < _ONE_DIGIT else -place
+    size = math.floor(math.log10(max(*map(abs, values), std)))
+    power = size if decimals > _MOST_DECIMALS or size > _MOST_DECIMALS else 0
+    scale, decimals = 10.0**power, decimals + power
+    shown = (f"{round(value / scale, decimals):.{max(decimals, 0)}f}" for value in values)
+    text = between.join(one if float(one) else one.removeprefix("-") for one in shown)
+    text = f"({text})\N{MULTIPLICATION SIGN}10{str(power).translate(SUPERSCRIPT)}" if power else text
+    return write_minus(text)
+
+
+def write_minus(text: str) -> str:
+    """Return a number with the sign of minus in place of the hyphen."""
+    return text.replace("-", "\N{MINUS SIGN}")
+
+
+def write_unit(unit: str) -> str:
+    """Return a unit as it is printed: its powers raised, on one line."""
+    raised = re.sub(r"\^(-?\d+)", lambda match: match[1].translate(SUPERSCRIPT), unit)
+    return raised.replace(" ", "\N{NO-BREAK SPACE}")
+
+
+def format_percent(value: float) -> str:
+    """Return the same with its sign of percent."""
+    return f"{format_digits(value)} %" if math.isfinite(value) else "-"

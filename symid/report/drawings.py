@@ -22,8 +22,7 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
 from symid.report import figures
-from symid.report.blocks import Drawing
-from symid.report.pages import format_percent
+from symid.report.blocks import Drawing, format_percent
 from symid.robot import Placement, Robot, to_matrix
 
 if TYPE_CHECKING:

@@ -18,7 +18,7 @@ import scipy
 from symid import joint_models
 from symid.arrays import FloatArray
 from symid.identification.elastic import ElasticEstimate, ElasticTrial, JointTrial, SpringEstimate
-from symid.report import figures, pages
+from symid.report import blocks, figures, pages
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.texts import show_effects, show_laws
 from symid.report.verdict import compute_spring_share, judge_elastic
@@ -114,10 +114,10 @@ def _list_numbers(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
     else:
         dynamics, where = max(entry.relative_percent for entry in estimate.residual), _IN_FIT
         springs = []
-    numbers = [(pages.format_percent(dynamics), f"residual of a motor's torque at most, {where}")]
+    numbers = [(blocks.format_percent(dynamics), f"residual of a motor's torque at most, {where}")]
     if springs and all(share is not None for share in springs):
         worst = max(share for share in springs if share is not None)
-        numbers.append((pages.format_percent(worst), "residual of a spring, of its joint's torque, at most"))
+        numbers.append((blocks.format_percent(worst), "residual of a spring, of its joint's torque, at most"))
     if estimate.covariance:
         numbers.append(pages.count_significant(estimate.parameters))
     return numbers
@@ -197,7 +197,7 @@ def show_spring(estimate: SpringEstimate) -> Iterator[Block]:
         yield f"True stops from {first} on never slipped: their stiffness is a part of k0 here."
     far = [knee.threshold for knee in estimate.elasticity.knees if abs(knee.threshold) > estimate.torque]
     if far:
-        names = ", ".join(pages.write_minus(f"{value:.3g}") for value in far)
+        names = ", ".join(blocks.write_minus(f"{value:.3g}") for value in far)
         yield f"The torque never reached the knees at {names} {unit}: the slope beyond is not identifiable."
     if not (estimate.elasticity.stops or estimate.elasticity.branches):
         yield "No stop has any stiffness: the identified spring has no hysteresis."
@@ -241,7 +241,7 @@ def _list_knees(spring: joint_models.Elasticity) -> tuple[tuple[str, str], ...]:
             if knee.threshold * side > 0.0:
                 slope += knee.slope
                 result.append((knee.threshold, slope))
-    return tuple((pages.write_minus(f"{torque:.4g}"), f"{slope:.4g}") for torque, slope in sorted(result))
+    return tuple((blocks.write_minus(f"{torque:.4g}"), f"{slope:.4g}") for torque, slope in sorted(result))
 
 
 def _choose_amplitude(estimate: SpringEstimate) -> float:

@@ -18,7 +18,7 @@ import numpy as np
 import scipy
 
 from symid.arrays import FloatArray
-from symid.report.blocks import Drawing
+from symid.report.blocks import SUPERSCRIPT, Drawing
 
 WIDTH = 560
 """Of a figure: half a page on a desk, the whole of a telephone, where its letters stay legible."""
@@ -34,7 +34,6 @@ _CHARACTER, _ROW = 7.2, 15.0
 _DIGIT = 8.1
 """Width of a digit."""
 _LEGEND_ROW = 19.0
-SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 STYLES = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh")
 """Of lines of equal rank: distinguished by colour and by dashes."""
 POINTS = 2000

@@ -46,7 +46,7 @@ from symid.identification.rigid import (
 )
 from symid.joint_models import compute_friction_torque, compute_law_sensitivities, get_law
 from symid.logs import LogPart, Recording, check_recording, read_recordings, take_parts
-from symid.report import figures, pages, texts
+from symid.report import blocks, figures, pages, texts
 from symid.report.blocks import Block, Drawing, Table
 from symid.report.drawings import draw_robot
 from symid.report.elastic_page import build_elastic_page, draw_branches
@@ -108,7 +108,7 @@ def build_identification_page(
         place = "the logs of the fit" if evidence is None else "stretches that were held out"
         most, _ = max(shares, key=itemgetter(1))
         marks = [
-            figures.Mark(name, value, pages.format_percent(value), name == most) for name, value in shares
+            figures.Mark(name, value, blocks.format_percent(value), name == most) for name, value in shares
         ]
         caption = f"How much does it miss, joint by joint? Residual in {place}."
         lead = figures.build_mark_figure(caption, "residual (% of the joint's torque)", marks)
@@ -168,7 +168,7 @@ def _tell_residual(
 ) -> tuple[list[tuple[str, str]], str]:
     """Return the residual as numbers and in a sentence; its `rms` and unit stand for one joint."""
     joint, most = max(shares, key=itemgetter(1))
-    mean, highest = pages.format_percent(whole), pages.format_percent(most)
+    mean, highest = blocks.format_percent(whole), blocks.format_percent(most)
     told = f"On {where} the model has a residual of {mean} of the {what}"
     told += f" below {band:.3g} Hz" * (band > 0.0)
     numbers = [(mean, f"residual of the {what} on {where}")]
@@ -176,7 +176,7 @@ def _tell_residual(
         told += f" (mean of the joints); the worst joint is {joint}, with {highest}"
         numbers.append((highest, f"at {joint}, the worst joint"))
     elif rms is not None:
-        numbers.append((f"{pages.format_digits(rms[0])} {pages.write_unit(rms[1])}", "RMS of it"))
+        numbers.append((f"{blocks.format_digits(rms[0])} {blocks.write_unit(rms[1])}", "RMS of it"))
     return numbers, f"{told}."
 
 
@@ -261,8 +261,8 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
     columns, scatter = (bootstrap.deviations, bootstrap.low, bootstrap.high), list[Sequence[object]]()
     for name, deviation, low, high in zip(bootstrap.names, *columns, strict=True):
         if name in stated:
-            both = (pages.format_pair(stated[name].value, std) for std in (stated[name].std, deviation))
-            interval = pages.format_in_digits((low, high), deviation, " to ") if deviation > 0.0 else ""
+            both = (blocks.format_pair(stated[name].value, std) for std in (stated[name].std, deviation))
+            interval = blocks.format_in_digits((low, high), deviation, " to ") if deviation > 0.0 else ""
             scatter.append((name, *both, interval, "not significant" if name in dropped else ""))
     titles = ("name", "value ± stated std", "value ± bootstrap std", "95 % interval", "remark")
     yield Table(titles, scatter, (0, 4), title="Values in SI units.")
@@ -278,7 +278,7 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
             "robot changed, or the model misses a term."
         )
     apart = [
-        (entry.name, *map(pages.format_pair, entry.values, entry.deviations))
+        (entry.name, *map(blocks.format_pair, entry.values, entry.deviations))
         for entry in drift.changed
         if len(entry.values) == len(drift.runs)
     ]
@@ -345,7 +345,7 @@ def describe_essential(diagnosis: Diagnosis) -> str:
 
 def _show_log(validation: Validation) -> Iterator[Block]:
     caption = "A log of the fit: this is no test." if validation.fitted else "Held out: not used in the fit."
-    mean = f"Mean of the joints: {pages.format_percent(validation.mean_relative_percent)}."
+    mean = f"Mean of the joints: {blocks.format_percent(validation.mean_relative_percent)}."
     name = Path(validation.source).name
     yield f"== {'Log of the fit' if validation.fitted else 'Held-out log'} {name} =="
     yield pages.tabulate_residual(validation.residual, f"{caption} {mean}")

@@ -8,7 +8,6 @@ Not supported: more than one robot on a page.
 """
 
 import math
-import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cache
@@ -23,8 +22,18 @@ from symid.identification.elastic import ElasticEstimate
 from symid.identification.estimators import SIGNIFICANT, Estimate, ParameterEstimate, Residual
 from symid.identification.friction import FrictionIdentification
 from symid.logs import Recording
-from symid.report.blocks import Block, Drawing, Table, split_sections, write_elements
-from symid.report.figures import SUPERSCRIPT, Mark, build_mark_figure
+from symid.report.blocks import (
+    Block,
+    Drawing,
+    Table,
+    format_digits,
+    format_pair,
+    format_percent,
+    split_sections,
+    write_elements,
+    write_unit,
+)
+from symid.report.figures import Mark, build_mark_figure
 from symid.report.verdict import FitVerdict
 from symid.robot import Robot
 
@@ -39,8 +48,6 @@ UNTESTED = (
 _SIGMA = "within 3\N{GREEK SMALL LETTER SIGMA}"
 _OWN_ANCHORS = ("verdict", "notices", "settings")
 """Of sections that every page has."""
-_ONE_DIGIT = 3.0
-_MOST_DECIMALS = 6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -256,53 +263,6 @@ def format_error(value: float, truth: float | None) -> str:
     percent = 100.0 * (value - truth) / abs(truth)
     sign = "\N{MINUS SIGN}" if percent < 0.0 else "+"
     return f"{sign}{format_percent(abs(percent))}"
-
-
-def format_digits(value: float) -> str:
-    """Return two digits, more from 100 on, where two would need a power of ten; "-" if it is not finite."""
-    if not math.isfinite(value):
-        return "-"
-    return f"{value:.0f}" if 99.5 <= value < 1e6 else f"{value:.2g}"
-
-
-def format_pair(value: float, std: float) -> str:
-    """Return a value with its deviation in matching digits: two of the deviation, one from 30 on.
-
-    Without a finite deviation the value has five digits.
-    """
-    if not math.isfinite(std) or std <= 0.0:
-        return write_minus(f"{value:.5g}")
-    return format_in_digits((value, std), std, " \N{PLUS-MINUS SIGN} ")
-
-
-def format_in_digits(values: Sequence[float], std: float, between: str) -> str:
-    """Return values in the digits that one of this deviation has."""
-    place = math.floor(math.log10(std))
-    # Two digits of 10 to 29, one of 30 to 99: the deviation of a deviation is no better.
-    decimals = 1 - place if std / 10.0**place < _ONE_DIGIT else -place
-    size = math.floor(math.log10(max(*map(abs, values), std)))
-    power = size if decimals > _MOST_DECIMALS or size > _MOST_DECIMALS else 0
-    scale, decimals = 10.0**power, decimals + power
-    shown = (f"{round(value / scale, decimals):.{max(decimals, 0)}f}" for value in values)
-    text = between.join(one if float(one) else one.removeprefix("-") for one in shown)
-    text = f"({text})\N{MULTIPLICATION SIGN}10{str(power).translate(SUPERSCRIPT)}" if power else text
-    return write_minus(text)
-
-
-def write_minus(text: str) -> str:
-    """Return a number with the sign of minus in place of the hyphen."""
-    return text.replace("-", "\N{MINUS SIGN}")
-
-
-def write_unit(unit: str) -> str:
-    """Return a unit as it is printed: its powers raised, on one line."""
-    raised = re.sub(r"\^(-?\d+)", lambda match: match[1].translate(SUPERSCRIPT), unit)
-    return raised.replace(" ", "\N{NO-BREAK SPACE}")
-
-
-def format_percent(value: float) -> str:
-    """Return the same with its sign of percent."""
-    return f"{format_digits(value)} %" if math.isfinite(value) else "-"
 
 
 def describe_origin(robot: Robot, library: Library, recordings: Sequence[Recording]) -> tuple[str, ...]:

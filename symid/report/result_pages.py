@@ -36,7 +36,16 @@ from symid.errors import SEVERE, Notice, merge_notices
 from symid.identification import hysteresis
 from symid.identification.estimators import ParameterEstimate
 from symid.report import pages, texts
-from symid.report.blocks import Block, Drawing, Table
+from symid.report.blocks import (
+    Block,
+    Drawing,
+    Table,
+    format_digits,
+    format_pair,
+    format_percent,
+    write_minus,
+    write_unit,
+)
 from symid.report.drawings import draw_excitation, draw_log, draw_robot, list_shares
 from symid.report.figures import TIME, Line, Mark, build_curve_figure, build_line_figure, build_mark_figure
 from symid.report.texts import show_comparison, show_stiffness
@@ -137,12 +146,12 @@ def build_check_page(robot: Robot, checked: "LogsCheck") -> pages.Page:
         good, values = len(found.list_names("identifiable")), np.array(found.singular)
         numbers = [
             (f"{good} of {len(found.parameters)}", "parameters identifiable"),
-            (pages.format_digits(found.condition), "condition number (column-scaled)"),
+            (format_digits(found.condition), "condition number (column-scaled)"),
         ]
         title = "What a fit to all these logs would identify."
         blocks = (
             "== Identifiability ==",
-            texts.show_identifiable(found, "expected std", pages.format_percent, title),
+            texts.show_identifiable(found, "expected std", format_percent, title),
             build_line_figure(
                 "How well are the parameters separated? Singular values of the scaled regressor; "
                 f"the rank is {found.rank} of {len(found.singular)}.",
@@ -196,7 +205,7 @@ def build_excitation_page(robot: Robot, found: "OptimisedExcitation") -> pages.P
         draw_excitation(found, robot),
         numbers=(
             (f"{found.condition:.4g}", "condition number (column-scaled)"),
-            (pages.format_percent(100.0 * most), f"of a limit used at most: {name}"),
+            (format_percent(100.0 * most), f"of a limit used at most: {name}"),
             (f"{found.trajectory.duration:g} s", "period"),
         ),
         blocks=("== Limits and condition ==", *texts.show_excitation(found)),
@@ -237,7 +246,7 @@ def build_payload_page(robot: str, found: "Payload", notices: Sequence[Notice]) 
     lost = [(entry.name, entry.reason) for entry in found.quantities if entry.value is None]
     mass = [entry for entry in known if entry.name == "mass"]
     places = [entry.value for entry in known if entry.name in {"cx", "cy", "cz"}]
-    numbers = [(f"{pages.format_pair(one.value, one.std)} kg", "mass") for one in mass]
+    numbers = [(f"{format_pair(one.value, one.std)} kg", "mass") for one in mass]
     if len(places) == len("xyz"):
         numbers.append((f"{math.hypot(*places):.3g} m", "from the link frame to the centre of mass"))
     numbers.append(pages.count_significant(known))
@@ -262,18 +271,18 @@ def build_stiffness_page(found: "StiffnessEstimate", notices: Sequence[Notice]) 
     headline = f"The stiffness of {len(told)} of {len(known)} joints is identified."
     alignment, details = found.alignment, tuple(f"{entry.joint}: {entry.reason}." for entry in found.joints)
     marks = [
-        Mark(f"{e.joint} ({pages.write_unit(e.unit)})", value, f"{value:.4g}: {low:.4g} to {high:.4g}")
+        Mark(f"{e.joint} ({write_unit(e.unit)})", value, f"{value:.4g}: {low:.4g} to {high:.4g}")
         for e, value, (low, high) in told
     ]
     caption = "How stiff is each joint? Values with 95 % intervals."
-    delay = pages.format_pair(1e3 * alignment.delay, 1e3 * alignment.delay_std)
+    delay = format_pair(1e3 * alignment.delay, 1e3 * alignment.delay_std)
     numbers = [
         (f"{len(told)} of {len(known)}", "joints with a stiffness"),
         (f"{delay} ms", "link encoders after motors"),
     ]
     if told:
         widest = max(0.5 * (high - low) / value for _, value, (low, high) in told)
-        numbers.append((f"\N{PLUS-MINUS SIGN}{pages.format_percent(100.0 * widest)}", "widest 95 % interval"))
+        numbers.append((f"\N{PLUS-MINUS SIGN}{format_percent(100.0 * widest)}", "widest 95 % interval"))
     return _build_page(
         found.robot,
         "stiffness of joints",
@@ -320,7 +329,7 @@ def build_comparison_page(
     largest = max(entry.comparison.largest for entry in found)
     numbers = [
         (f"{within} of {judged}", "groups within two standard deviations"),
-        (pages.format_digits(largest), "standard deviations: the largest difference"),
+        (format_digits(largest), "standard deviations: the largest difference"),
     ]
     total = found[0].comparison.chi_square if len(found) == 1 else None
     if total is not None:
@@ -418,9 +427,9 @@ def show_element(record: hysteresis.HysteresisRecord) -> tuple[Block, ...]:
     table = Table(header, rows, title=f"{record.model}{form}", note=note)
     models = []
     for one in record.candidates:
-        errors = (f"{one.fitted:.3g}", f"{one.held_out:.3g}", f"{one.spread:.2g}")
+        errors = (f"{one.fitted:.3g}", format_pair(one.held_out, one.spread))
         models.append((one.model, one.form, one.count, ("no", "yes")[one.passive], *errors))
-    header = ("model", "form", "parameters", "passive", "fitted %", "held out %", "+-")
+    header = ("model", "form", "parameters", "passive", "fitted %", "held out %")
     tried = Table(header, models, (0, 1, 3), "Models that were tried", picked=0)
     reason = hysteresis.describe_inversion(record)
     inverse = f"There is none: {reason}." if reason else "It exists, for every output."
@@ -454,8 +463,8 @@ def draw_element(record: hysteresis.HysteresisRecord) -> tuple[Drawing, ...]:
     drift = 100.0 * abs(last - first) / size if size else 0.0
     moved = f"Does it drift? From half to half the mean residual changes by {drift:.2g} % of its rms."
     caption = f"Output against input: does {record.model} follow the loops? Residual "
-    caption += f"{pages.format_percent(record.fitted)} of the output."
-    place = f"{pages.write_minus(f'{trace.position[worst]:.3g}')} {unit}".rstrip()
+    caption += f"{format_percent(record.fitted)} of the output."
+    place = f"{write_minus(f'{trace.position[worst]:.3g}')} {unit}".rstrip()
     where = f"Does the model miss at some inputs? Most at {place}."
 
     def draw_cloud(caption: str, label: str, x: FloatArray) -> Drawing:

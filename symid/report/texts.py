@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from symid import joint_models, logs
 from symid.environment import show_path
 from symid.errors import Notice
-from symid.report.blocks import Block, Table, describe_outcome
+from symid.report.blocks import Block, Table, describe_outcome, format_pair
 from symid.robot import Robot
 from symid.serialization import describe_record, write_plain
 
@@ -361,20 +361,23 @@ def show_stiffness(found: "StiffnessEstimate") -> tuple[Block, ...]:
         text = f"link encoders {verb} motor encoders by {delay:.3f} ms (standard deviation {std:.3f} ms)"
     runs = zip(alignment.sources, alignment.offsets, alignment.offset_stds, strict=True)
     rows = [
-        (entry.joint, source, values[index], stds[index], 100.0 * alignment.explained[index])
+        (entry.joint, source, format_pair(values[index], stds[index]), 100.0 * alignment.explained[index])
         for source, values, stds in runs
         for index, entry in enumerate(found.joints)
         if alignment.present[index]
     ]
-    header = ("joint", "stiffness", "from", "to (95 %)", "unit", "explained/1e-6", "residual/1e-6", "verdict")
+    header = ("joint", "stiffness", "from", "to (95 %)", "unit", "by gravity", "residual", "verdict")
     springs = []
     for entry in found.joints:
-        sizes = (1e6 * entry.explained, 1e6 * entry.left, entry.verdict.name.lower().replace("_", " "))
-        springs.append((entry.joint, entry.stiffness, *(entry.interval or (None, None)), entry.unit, *sizes))
+        small = f"m{entry.unit.rpartition('/')[2]}"
+        sizes = (f"{1e3 * size:.3g} {small}" for size in (entry.explained, entry.left))
+        verdict = entry.verdict.name.lower().replace("_", " ")
+        spring = (entry.stiffness, *(entry.interval or (None, None)), entry.unit)
+        springs.append((entry.joint, *spring, *sizes, verdict))
     return (
         f"{found.robot}: the stiffness of {known} of {len(found.joints)} joints is identifiable",
         text,
-        Table(("joint", "log", "zero offset", "std", "explained by delay/%"), rows, left=(0, 1)),
+        Table(("joint", "log", "zero offset (rad or m)", "explained by delay/%"), rows, left=(0, 1)),
         Table(header, springs, (0, 4, 7)),
         "\n".join(f"{entry.joint}: {entry.reason}" for entry in found.joints),
     )
@@ -601,8 +604,9 @@ def _show_compared(ours: "EstimateSide", found: "Compared") -> tuple[Block, ...]
     rows = list[Sequence[object]]()
     for value in found.values:
         away = (_format_deviations(value.deviations, "+", 2), *([value.read_as] if read else []))
-        rows.append((value.group, value.theirs, value.theirs_std, value.ours, value.ours_std, *away))
-    header = ["group", "other", "std", "ours", "std", "in std", *(["read as"] if read else [])]
+        pairs = (value.theirs, value.theirs_std), (value.ours, value.ours_std)
+        rows.append((value.group, *(format_pair(*pair) for pair in pairs), *away))
+    header = ["group", "other", "ours", "in std", *(["read as"] if read else [])]
     lines = ["largest differences"]
     for place in comparison.list_farthest():
         distance = float(comparison.deviations[place])
@@ -647,7 +651,7 @@ def _show_compared(ours: "EstimateSide", found: "Compared") -> tuple[Block, ...]
     )
     return (
         f"{ours.identified.robot.name}: {show_path(ours.source)} beside {show_path(other.source)}{columns}",
-        Table(header, rows, left=(0, 6) if read else (0,), fold=_GROUP_WIDTH),
+        Table(header, rows, left=(0, 4) if read else (0,), fold=_GROUP_WIDTH),
         agreement,
         *(["\n".join(lines)] if len(lines) > 1 else []),
         "\n".join(f"{head}{', '.join(names)}" for head, names in left_out if names),

@@ -204,7 +204,8 @@ def _choose_trial(
         )
     # Worse by no more than chance, or than matters; of these, wide rows mix slow ones in least.
     limit = 100.0 * (_measure_share(best.losses) + judge.POLICY.relevance)
-    good = [k for k, entry in enumerate(found) if entry.p >= judge.POLICY.caution or entry.held_out <= limit]
+    worse = [one.held_out > limit or one.fall > judge.POLICY.fall for one in found]
+    good = [k for k, entry in enumerate(found) if entry.p >= judge.POLICY.caution or not worse[k]]
     pool = [place for place in good if found[place].consistent > judge.POLICY.caution] or good
     level = max(trials[place].level for place in pool)
     widest = [place for place in pool if trials[place].level == level]

@@ -9,7 +9,7 @@ from symid import __version__
 from symid.errors import Notice
 from symid.identification.rigid.fit import identify_parameters
 from symid.identification.rigid.validation import validate_estimate
-from symid.report import pages
+from symid.report import blocks, pages
 from symid.report.blocks import split_sections
 from symid.report.figures import TIME, Line, build_line_figure, thin_line
 from symid.report.identification_page import build_identification_page
@@ -81,7 +81,7 @@ def test_every_parameter_is_shown_or_its_refusal_said(result):
     assert set(inside) == {True}
     assert ("processing.drop_first", "5") in page.settings
     title = find_section(page.blocks, "Held-out log <log 7>").title
-    assert title.endswith(f": {pages.format_percent(validation.mean_relative_percent)}.")
+    assert title.endswith(f": {blocks.format_percent(validation.mean_relative_percent)}.")
     partial = replace(estimate, refused=(("Fc2", "it never moved"),))
     page = build_identification_page(partial)
     assert any(getattr(block, "rows", ()) == partial.refused for block in page.blocks)
@@ -130,15 +130,15 @@ def test_the_verdict_is_one_sentence_with_the_worst_joint(result):
         (build_identification_page(estimate), parts.joint, parts.held_out, None),
     ):
         told, verdict = page.headline, pages.render_page(page)
-        assert told.endswith(f"the worst joint is {joint}, with {pages.format_percent(percent)}.")
+        assert told.endswith(f"the worst joint is {joint}, with {blocks.format_percent(percent)}.")
         assert told.count(". ") == 0
         assert "Details of the verdict" in verdict
         whole = estimate.evidence.unexplained if mean is None else mean.mean_relative_percent
-        assert pages.format_percent(whole) in told
+        assert blocks.format_percent(whole) in told
         # The same number in the same digits everywhere.
-        assert page.numbers[0][0] == pages.format_percent(whole)
+        assert page.numbers[0][0] == blocks.format_percent(whole)
     table = find_section(build_identification_page(estimate, (validation,)).blocks, "Held-out log <log 7>")
-    assert table.rows[table.picked][:2] == (worst.joint, pages.format_percent(worst.relative_percent))
+    assert table.rows[table.picked][:2] == (worst.joint, blocks.format_percent(worst.relative_percent))
 
 
 def test_title_author_and_date_stand_at_the_head(result, tmp_path):
@@ -215,15 +215,15 @@ def test_the_first_screen_has_the_numbers_of_the_result(result):
     page = build_identification_page(estimate, (validation,))
     worst = max(validation.residual, key=lambda entry: entry.relative_percent)
     assert [value for value, _ in page.numbers] == [
-        pages.format_percent(validation.mean_relative_percent),
-        pages.format_percent(worst.relative_percent),
+        blocks.format_percent(validation.mean_relative_percent),
+        blocks.format_percent(worst.relative_percent),
         f"{len(estimate.parameters)} of {len(estimate.parameters)}",
     ]
     assert worst.joint in page.lead.caption
     untested = build_identification_page(estimate)
-    assert untested.numbers[0][0] == pages.format_percent(estimate.evidence.unexplained)
+    assert untested.numbers[0][0] == blocks.format_percent(estimate.evidence.unexplained)
     blind = build_identification_page(replace(estimate, evidence=None))
-    assert blind.numbers[0][0] == pages.format_percent(estimate.mean_relative_percent)
+    assert blind.numbers[0][0] == blocks.format_percent(estimate.mean_relative_percent)
     for entry in (untested, blind):
         assert "joint by joint" in entry.lead.caption
 
@@ -243,7 +243,8 @@ def test_the_first_screen_has_the_numbers_of_the_result(result):
     ],
 )
 def test_digits_of_value_and_deviation_match(value, std, text):
-    assert pages.format_pair(value, std) == text
+    assert blocks.format_pair(value, std) == text
+    assert str(blocks.Table(("value",), [(text,)])).isascii()
 
 
 def test_sections_have_addresses_of_their_own():
