@@ -46,6 +46,8 @@ _PLAIN_NAMES = {Op.POWER: "math.pow", Op.ABS: "abs"}
 _WITHOUT_STATEMENT = (Op.CONSTANT, Op.INPUT)
 _GROUP_SIZE = 8
 """A multiple of every SIMD width."""
+_SPARSE = 0.8
+"""Part of an output's groups with a number that is not zero below which a batch clears all of it first."""
 _LONGEST_BODY, _PART_LENGTH = 8000, 1000
 """Statements of a function that is printed as one, and of a part of one that is not."""
 _STREAMED_SIZES = range(64, 1025)
@@ -387,8 +389,16 @@ def print_simd(program: Program, precision: str) -> FunctionBody:
         return " ".join(f"store_one({at}, {port.size}, {x});" for at, x in zip(places, texts, strict=True))
 
     printer = _CPrinter(program, "lanes", angles, before, write_constant, write_input, lambda op: op.value)
+    zeros = {k for k, one in enumerate(program.instructions, 1) if one.op is Op.CONSTANT and not one.constant}
+    cleared = []
     for port, refs in zip(outputs, program.outputs, strict=True):
-        for first in range(0, port.size, _GROUP_SIZE):
+        firsts = range(0, port.size, _GROUP_SIZE)
+        filled = [k for k in firsts if not zeros.issuperset(map(abs, refs[k : k + _GROUP_SIZE]))]
+        is_sparse = len(filled) < _SPARSE * len(firsts)
+        if is_sparse:
+            place = write_place(port, 0)
+            cleared.append(f"memset({place}, 0, {port.size} * sizeof(lanes));")
+        for first in filled if is_sparse else firsts:
             printer.promise(refs[first : first + _GROUP_SIZE], partial(write_store, port, first))
     read = (instruction.args for instruction in program.instructions if instruction.op is Op.INPUT)
     used = sorted({(number, element) for number, element in read if not inputs[number].shared})
@@ -398,7 +408,7 @@ def print_simd(program: Program, precision: str) -> FunctionBody:
         for port, element in ((inputs[number], element) for number, element in used)
     }
     if not is_long(program):
-        return FunctionBody(statements=tuple(_place_loads(loads, printer.print())))
+        return FunctionBody(statements=(*cleared, *_place_loads(loads, printer.print())))
     ports = {"k": "size_t k"}
     for place, port in enumerate((*inputs, *outputs)):
         kind = f"{'const ' * (place < len(inputs))}{precision}"
@@ -407,7 +417,8 @@ def print_simd(program: Program, precision: str) -> FunctionBody:
     for port in streamed:
         ports[f"{port.name}_to"] = f"{precision} *restrict {port.name}_to"
         del ports[port.name]
-    return _join_parts(printer, "batch_part", ports, loads)
+    body = _join_parts(printer, "batch_part", ports, loads)
+    return replace(body, statements=(*cleared, *body.statements))
 
 
 def write_table_lines(values: Sequence[float], kind: str) -> list[str]:

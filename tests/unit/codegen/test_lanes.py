@@ -224,6 +224,18 @@ def test_programs_with_other_functions_have_no_block():
     )
 
 
+@pytest.mark.parametrize(("size", "place"), [(24, "y + 24 * k"), (64, "y_to")])
+def test_a_batch_clears_outputs_that_are_mostly_zero(size, place):
+    table = ExpressionTable()
+    x, zero = table.input(0, 0), table.constant(0.0)
+    clear, load, *stores = print_simd(build_program(table, x, *[zero] * (size - 1)), "double").statements
+    assert clear == f"memset({place}, 0, {size} * sizeof(lanes));"
+    assert load == "const lanes x0 = GATHER(x + 9 * k, 9);"
+    assert [line.partition("(const")[0] for line in stores] == [f"store_eight({place}, {size}, "]
+    full = print_simd(build_program(table, *[x] * size), "double").statements
+    assert "memset" not in "".join(full)
+
+
 def test_library_sines_are_calls(tmp_path):
     functions = build_shipped("two_link")
     own, library = (
