@@ -418,7 +418,10 @@ def _count_matlab_elements(elements: Sequence[bytes], order: str) -> tuple[int, 
     kind, flags = elements[0][:2] if order == "<" else elements[0][3:1:-1]
     if kind == _MATLAB_OPAQUE:
         return 4, 1
-    sizes = np.frombuffer(elements[1][: len(elements[1]) // 4 * 4], f"{order}i4").tolist()
+    # SciPy takes a matrix without sizes for one, and ends the process.
+    if len(elements[1]) < 8 or len(elements[1]) % 4:
+        return 0, 0
+    sizes = np.frombuffer(elements[1], f"{order}i4").tolist()
     count = math.prod(sizes) if min(sizes, default=-1) >= 0 else -1
     if kind in (_MATLAB_STRUCTURE, _MATLAB_OBJECT):
         # An object has the name of its class before the length of its fields' names.

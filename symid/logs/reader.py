@@ -345,7 +345,7 @@ def prepare_columns(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawL
     count = len(np.atleast_1d(raw.columns[clock])) if clock in raw.columns else 0
     parts = {name: raw.columns[name] for name in names if len(np.atleast_1d(raw.columns[name])) == count}
     # The least of numbers is none if one of them is.
-    lacked = {name: part for name, part in parts.items() if count and np.isnan(part.min())}
+    lacked = {name: part for name, part in parts.items() if part.size and np.isnan(part.min())}
     holes = {name: np.isnan(part).reshape(count, -1).any(axis=1) for name, part in lacked.items()}
     lacking = np.any([*holes.values(), np.zeros(count, dtype=np.bool_)], axis=0)
     # Values that are wrong otherwise are no gaps, nor are columns of which most is missing.

@@ -192,6 +192,11 @@ def test_types_of_matlab_elements_that_do_not_exist_are_damage(tmp_path):
         path.write_bytes(whole[:place] + struct.pack("<I", kind) + whole[place + 4 :])
         with pytest.raises(LogError, match="its elements are damaged"):
             read_raw(path)
+    place = whole.index(struct.pack("<II", 5, 8)) + 4
+    for size in (0, 1, 4, 6):
+        path.write_bytes(whole[:place] + struct.pack("<I", size) + whole[place + 4 :])
+        with pytest.raises(LogError, match="its elements are damaged"):
+            read_raw(path)
     # Cut off anywhere, there is a column, or a reason.
     for size in range(128, len(whole)):
         path.write_bytes(whole[:size])
@@ -254,3 +259,11 @@ def test_findings_of_others(shared_data, tmp_path):
             except SymidError as error:
                 texts += [entry.text for entry in error.notices]
     assert all(texts)
+
+
+@pytest.mark.parametrize("name", ["t", "q1", "tau2"])
+def test_an_array_without_columns_is_refused_in_words(tmp_path, name):
+    columns = dict.fromkeys(("t", "q1", "q2", "tau1", "tau2"), np.arange(40.0))
+    np.savez(tmp_path / "log.npz", **{**columns, name: np.zeros((40, 0))})
+    with pytest.raises(LogError, match=r"0 columns|differ in shape"):
+        symid.read_log(tmp_path / "log.npz", symid.load("two_link"))
