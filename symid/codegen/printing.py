@@ -396,8 +396,7 @@ def print_simd(program: Program, precision: str) -> FunctionBody:
         filled = [k for k in firsts if not zeros.issuperset(map(abs, refs[k : k + _GROUP_SIZE]))]
         is_sparse = len(filled) < _SPARSE * len(firsts)
         if is_sparse:
-            place = write_place(port, 0)
-            cleared.append(f"memset({place}, 0, {port.size} * sizeof(lanes));")
+            cleared.append(f"memset({write_place(port, 0)}, 0, {port.size} * sizeof(lanes));")
         for first in filled if is_sparse else firsts:
             printer.promise(refs[first : first + _GROUP_SIZE], partial(write_store, port, first))
     read = (instruction.args for instruction in program.instructions if instruction.op is Op.INPUT)
