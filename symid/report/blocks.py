@@ -40,7 +40,10 @@ _LONG = 24
 """Letters of a cell that may be broken into lines."""
 _HEADING = re.compile(r"(={2,3}) (.*) \1")
 SUPERSCRIPT = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-_POWER = "\N{MULTIPLICATION SIGN}10(?=[⁻⁰¹²³⁴⁵⁶⁷⁸⁹])"
+# A value that `format_pair` wrote: no name is one.
+_PAIR = re.compile(
+    "[(]?[0-9.e+\N{MINUS SIGN}]+( \N{PLUS-MINUS SIGN} [0-9.]+)?([)]\N{MULTIPLICATION SIGN}10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?"
+)
 _PLAIN = str.maketrans(
     dict(zip("⁻⁰¹²³⁴⁵⁶⁷⁸⁹\N{MINUS SIGN}\N{PLUS-MINUS SIGN}", (*"-0123456789-", "+-"), strict=True))
 )
@@ -275,8 +278,9 @@ def _format_cell(value: object) -> str:
 
 
 def _write_plain(text: str) -> str:
-    """Return the text of `format_pair` as a terminal of any encoding shows it."""
-    return re.sub(_POWER, "e", text).translate(_PLAIN)
+    """Return what `format_pair` wrote as a terminal of any encoding shows it; other texts as they are."""
+    is_pair = _PAIR.fullmatch(text) is not None
+    return text.replace("\N{MULTIPLICATION SIGN}10", "e").translate(_PLAIN) if is_pair else text
 
 
 def format_digits(value: float) -> str:
@@ -289,8 +293,10 @@ def format_digits(value: float) -> str:
 def format_pair(value: float, std: float) -> str:
     """Return a value with its deviation in matching digits: two of the deviation, one from 30 on.
 
-    Without a finite deviation the value has five digits.
+    Without a finite deviation the value has five digits; "-" if it is not finite itself.
     """
+    if not math.isfinite(value):
+        return "-"
     if not math.isfinite(std) or std <= 0.0:
         return write_minus(f"{value:.5g}")
     return format_in_digits((value, std), std, " \N{PLUS-MINUS SIGN} ")

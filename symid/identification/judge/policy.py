@@ -91,7 +91,8 @@ class Policy:
     fall: float = _number(
         2.0,
         "factor by which correcting a cause must lower the squared residual of its joints, and by which "
-        "that of any other explanation must be larger",
+        "that of any other explanation must be larger; a band of rows that predicts so much worse than the "
+        "best one is not taken",
         "measured: on clean logs false candidates reach 1.6; mistakes that no parameter absorbs reach "
         "2.6 to 187",
         "halved: wrong causes are named; doubled: half of the plain mistakes are not named",

@@ -4,7 +4,8 @@ Library, recordings, Processing -> `SettingsStudy`: condensed logs, `SettingsCho
 taken.
 
     candidates   rows within bands B 2^k, least squares, or instruments along positions of a lower band
-    as good      no candidate predicts held-out stretches better, by more than matters and more than chance
+    as good      none predicts held-out stretches better, by more than chance and more than matters: a part of
+                 the torque (`relevance`), or a multiple of its own squares (`fall`)
     consistent   torques that it predicts agree with those of the same rows and the lowest instruments
     taken        of those as good and consistent the widest rows, then the widest instruments that are precise
     slow rows    below a tenth of the top speed, of a joint, are used where friction surely is another there
@@ -202,7 +203,8 @@ def _choose_trial(
                 consistent=1.0 if trial is first else min(chances, default=1.0),
             )
         )
-    # Worse by no more than chance, or than matters; of these, wide rows mix slow ones in least.
+    # Worse by no more than chance, or by little, of the torque and of the best residual: noise of a wide band
+    # biases inertias long before it matters beside the torque. Of these, wide rows mix slow ones in least.
     limit = 100.0 * (_measure_share(best.losses) + judge.POLICY.relevance)
     worse = [one.held_out > limit or one.fall > judge.POLICY.fall for one in found]
     good = [k for k, entry in enumerate(found) if entry.p >= judge.POLICY.caution or not worse[k]]

@@ -240,11 +240,19 @@ def test_the_first_screen_has_the_numbers_of_the_result(result):
         (2.5e8, 1.3e6, "(2.500 ± 0.013)×10⁸"),  # noqa: RUF001
         (0.0, 0.01, "0.000 ± 0.010"),
         (3.25, math.inf, "3.25"),
+        (-1e-9, math.nan, "−1e−09"),  # noqa: RUF001
+        (math.nan, 1.0, "-"),
+        (math.inf, 0.1, "-"),
     ],
 )
 def test_digits_of_value_and_deviation_match(value, std, text):
     assert blocks.format_pair(value, std) == text
     assert str(blocks.Table(("value",), [(text,)])).isascii()
+
+
+def test_a_terminal_shows_names_as_they_are():
+    for name in ("q²", "a−b", "±1 V", "10⁻³"):  # noqa: RUF001
+        assert str(blocks.Table(("joint",), [(name,)])).endswith(name)
 
 
 def test_sections_have_addresses_of_their_own():

@@ -1,11 +1,13 @@
 """Band, instruments and standstill that are chosen: on logs whose truth, noise and stops are known."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from symid.errors import IdentifiabilityError, UsageError
+from symid.identification import judge
 from symid.identification.regression import mask_fast, prepare_rows
 from symid.identification.rigid import settings_choice
 from symid.identification.rigid.fit import identify_parameters
@@ -182,3 +184,25 @@ def test_a_log_all_of_whose_rows_are_bad_leaves_nothing_to_fit():
     log = record(0)
     with pytest.raises(IdentifiabilityError, match="gives no equation"):
         identify_parameters(LIBRARY, [replace(log, bad=np.ones(log.position.shape, dtype=bool))], AUTOMATIC)
+
+
+@pytest.mark.parametrize(("excess", "taken"), [(1.2, 1), (1.9, 1), (2.2, 0), (50.0, 0)])
+def test_a_wider_band_may_predict_a_little_worse_and_not_many_times(excess, taken):
+    """The residual is below two percent of the torque in all cases."""
+    chance = np.random.default_rng(3)
+    losses = 1e-6 * chance.uniform(0.9, 1.1, (12, 2))
+    # Parameters are the same: the wide band is consistent.
+    fits = [SimpleNamespace(values=np.ones(2), changes=1e-3 * chance.standard_normal((12, 2))) for _ in "ab"]
+    fits[1].values = fits[0].values
+    trials = [
+        settings_choice.BandTrial(level, level, fit, size * losses)
+        for level, fit, size in zip((1, 2), fits, (1.0, excess), strict=True)
+    ]
+    logs = SimpleNamespace(
+        torque=np.ones(2), bands=(1.0, 2.0, 4.0), list_grams=lambda: np.stack([np.eye(2)] * 2)
+    )
+    place, found = settings_choice._choose_trial(logs, trials, "position")
+    assert place == taken
+    assert found[1].held_out < 2.0
+    assert found[1].fall == pytest.approx(excess)
+    assert found[1].p < judge.POLICY.caution
