@@ -25,7 +25,7 @@ and knees other than those at the start.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -41,7 +41,7 @@ from symid.identification import hysteresis as elements
 from symid.identification.elastic import estimate
 from symid.identification.elastic.regression import ElasticProblem, solve_with_signs
 from symid.identification.judge import POLICY, numerics
-from symid.ipopt import Ending
+from symid.ipopt import Ending, keep_last
 from symid.joint_models import Elasticity
 
 TRIALS = 4
@@ -268,23 +268,27 @@ def fit_simultaneous(
         design, springs = _follow_springs(problem, fit)
         free = np.isnan(problem.known)
         given = design[:, ~free] @ problem.known[~free]
+        # Residuals and their derivatives ask for the same springs in turn.
+        pull_all = keep_last(springs.pull_all)
 
         def leave(
             factors: FloatArray,
             *,
             slopes: bool,
             own: _Springs = springs,
+            pull_all: Callable[[FloatArray], tuple[FloatArray, ...]] = pull_all,
             design: FloatArray = design[:, free],
             given: FloatArray = given,
         ) -> FloatArray:
             # Residuals (M,) that the best dynamics leave, or their derivatives (M, k) by the factors.
-            scales, ways = own.scale(factors)
+            pulls = pull_all(factors)
+            scales, ways = own.scale(pulls)
             base = np.linalg.qr(design / scales[:, None], mode="reduced")[0]
-            right = (own.move(factors) - given) / scales
+            right = (own.move(pulls) - given) / scales
             left = right - base @ (base.T @ right)
             if not slopes:
                 return left
-            change = own.differentiate(factors)
+            change = own.differentiate(factors, pulls)
             for joint, way in enumerate(ways):
                 rows = np.flatnonzero(own.links == joint)
                 # A number moves the torque of its own joint alone.
@@ -302,18 +306,21 @@ def fit_simultaneous(
             ftol=None,
             xtol=wide.options.tolerance,
         )
-        scales = springs.scale(found.x)[0]
-        rows, right = design / scales[:, None], springs.move(found.x) / scales
+        pulls = springs.pull_all(found.x)
+        scales = springs.scale(pulls)[0]
+        rows, right = design / scales[:, None], springs.move(pulls) / scales
         chi = solve_with_signs(problem.library.card, rows, right, problem.known)
         fit = estimate.build_method_fit(fit.method, chi, problem.sizes, springs.build(found.x))
         if float(np.max(np.abs(found.x - 1.0), initial=0.0)) < wide.options.tolerance:
             break
     # The covariance of the dynamics, whatever the springs are.
     design, springs = _follow_springs(problem, fit)
-    whole = np.hstack([design, -springs.differentiate(np.ones(len(springs.numbers)))])
+    ones = np.ones(len(springs.numbers))
+    pulls = springs.pull_all(ones)
+    whole = np.hstack([design, -springs.differentiate(ones, pulls)])
     known = np.concatenate([problem.known, np.full(len(springs.numbers), np.nan)])
     dynamics = slice(len(fit.chi))
-    errors = springs.move(np.ones(len(springs.numbers))) - design @ fit.chi
+    errors = springs.move(pulls) - design @ fit.chi
     covariance = estimate.compute_covariance(whole, errors, known)[dynamics, dynamics]
     found = estimate.build_method_fit("simultaneous", fit.chi, wide.sizes, fit.elasticity)
     return replace(found, covariance=covariance, notices=start.notices)
@@ -352,29 +359,32 @@ class _Springs:
             parts.append(side.free(own).reshape(-1))
         return np.concatenate(parts)
 
-    def scale(self, factors: FloatArray) -> tuple[FloatArray, FloatArray]:
+    def pull_all(self, factors: FloatArray) -> tuple[FloatArray, ...]:
+        """Return what the spring of each joint gives to the right sides (M,)."""
+        return tuple(self.pull(*pair) for pair in enumerate(self.build(factors)))
+
+    def scale(self, pulls: Sequence[FloatArray]) -> tuple[FloatArray, FloatArray]:
         """Return the sizes (M,) of the springs' torque in the rows of links over those at the start, else 1.
 
         With the torques (n, M) there over their squares, which make of derivatives those of the sizes. Unless
         links count relative to them, springs and links without any torque fit best.
         """
         scales, ways = np.ones(len(self.rest)), np.zeros((len(self.start), len(self.rest)))
-        for joint, spring in enumerate(self.build(factors)):
-            rows, pull = np.flatnonzero(self.links == joint), self.pull(joint, spring)
+        for joint, pull in enumerate(pulls):
+            rows = np.flatnonzero(self.links == joint)
             square, start = float(pull @ pull), self.squares[joint]
             if square > 0.0 and start > 0.0:
                 scales[rows] = math.sqrt(square / start)
                 ways[joint] = pull / square
         return scales, ways
 
-    def move(self, factors: FloatArray) -> FloatArray:
+    def move(self, pulls: Sequence[FloatArray]) -> FloatArray:
         """Return the right sides (M,)."""
-        return sum((self.pull(*pair) for pair in enumerate(self.build(factors))), self.rest)
+        return sum(pulls, self.rest)
 
-    def differentiate(self, factors: FloatArray) -> FloatArray:
-        """Return their derivatives (M, k) by the factors."""
+    def differentiate(self, factors: FloatArray, before: Sequence[FloatArray]) -> FloatArray:
+        """Return their derivatives (M, k) by the factors, where springs give what is `before`."""
         springs, columns = self.build(factors), []
-        before = [self.pull(*pair) for pair in enumerate(springs)]
         for (joint, place, value), factor in zip(self.numbers, factors.tolist(), strict=True):
             column = np.zeros_like(self.rest)
             with suppress(RobotError):
@@ -399,6 +409,6 @@ def _follow_springs(problem: ElasticProblem, fit: estimate.MethodFit) -> tuple[F
     springs = _Springs(
         problem=problem, start=fit.elasticity, sides=sides, numbers=numbers, rest=right, links=links
     )
-    pulled = springs.move(np.ones(len(numbers))) - right
-    squares = tuple(float(np.sum(springs.pull(*pair) ** 2)) for pair in enumerate(fit.elasticity))
-    return design, replace(springs, rest=right - pulled, squares=squares)
+    pulls = springs.pull_all(np.ones(len(numbers)))
+    squares = tuple(float(np.sum(pull**2)) for pull in pulls)
+    return design, replace(springs, rest=right - sum(pulls), squares=squares)
