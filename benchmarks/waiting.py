@@ -29,6 +29,10 @@ LOGS = {
     "elastic.npz": (*ELASTIC, "--duration", "60"),
 }
 COMPILE = "import symid, sys; symid.load('panda').compile()"
+DERIVE = """
+import symid
+symid.load("g1.urdf", base="torso_link", tip="left_wrist_yaw_link").derivation()
+"""
 CALLS = {
     "identify UR5, 10 s at 500 Hz": ("-m", "symid", "identify", *UR5, "ur5.npz"),
     "identify Panda, 60 s at 1 kHz": ("-m", "symid", "identify", *PANDA, "panda.npz"),
@@ -46,7 +50,21 @@ CALLS = {
     ),
     "simulate Panda, 1 s": ("-m", "symid", "simulate", *PANDA, "--duration", "1", "-o", "one.npz", "--force"),
     "compile() of a Panda": ("-c", COMPILE),
+    "simulate Panda, 60 s": (
+        "-m",
+        "symid",
+        "simulate",
+        *PANDA,
+        "--duration",
+        "60",
+        "-o",
+        "long.npz",
+        "--force",
+    ),
     "generate panda": ("-m", "symid", "generate", "panda", "-o", "panda_c", "--force"),
+    "derivation() of a G1's arm": ("-c", DERIVE),
+    "excite panda": ("-m", "symid", "excite", "panda", "-o", "motion.csv", "--force"),
+    "demo": ("-m", "symid", "demo", "--output", "demo", "--force"),
 }
 
 
@@ -75,6 +93,7 @@ def copy_robots(folder: Path) -> None:
     if not robots.is_dir():
         sys.exit("example-robot-data is missing: pip install example-robot-data")
     shutil.copy(robots / "ur_description/urdf/ur5_robot.urdf", folder / "ur5.urdf")
+    shutil.copy(robots / "g1_description/urdf/g1_29dof_rev_1_0.urdf", folder / "g1.urdf")
     shutil.copy(robots / "panda_description/urdf/panda.urdf", folder / "panda.urdf")
 
 
