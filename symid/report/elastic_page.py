@@ -86,7 +86,7 @@ def build_elastic_page(
                 estimate.residual, f"Motor torque by motor dynamics and springs, {_IN_FIT}."
             ),
             pages.tabulate_residual((estimate.energy,), f"Energy over windows, {_IN_FIT}."),
-            *("== What each parameter groups ==", pages.tabulate_groupings(kept)),
+            *("== What each parameter groups ==", *pages.show_groupings(kept)),
         ),
         settings={
             "method of the result": estimate.method,

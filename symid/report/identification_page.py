@@ -132,7 +132,7 @@ def build_identification_page(
         more=(
             *chain.from_iterable(_show_log(entry) for entry in validations if entry is not worst),
             *texts.show_laws(estimate.laws),
-            *("== What each parameter groups ==", pages.tabulate_groupings(estimate.parameters)),
+            *("== What each parameter groups ==", *pages.show_groupings(estimate.parameters)),
             "== Residual of the fit ==",
             pages.tabulate_residual(estimate.residual, _LEFT),
             *_show_choice(estimate),

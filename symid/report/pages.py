@@ -227,13 +227,17 @@ def count_significant(parameters: Sequence[ParameterEstimate]) -> tuple[str, str
     return f"{count} of {len(parameters)}", f"parameters significant (> {SIGNIFICANT:g} std)"
 
 
-def tabulate_groupings(parameters: Sequence[ParameterEstimate]) -> Table:
-    """Return what each parameter groups, and why."""
-    rows = [
-        (entry.name, f"{'' if entry.expression == entry.name else entry.expression}\n{entry.reason}")
-        for entry in parameters
-    ]
-    return Table(("name", "group of standard parameters, and why"), rows, (0, 1))
+def show_groupings(parameters: Sequence[ParameterEstimate]) -> tuple[Block, ...]:
+    """Return what each parameter groups, and why, and which group nothing."""
+    rows, alone = [], dict[str, list[str]]()
+    for entry in parameters:
+        if entry.expression == entry.name:
+            alone.setdefault(entry.reason, []).append(entry.name)
+        else:
+            rows.append((entry.name, f"{entry.expression}\n{entry.reason}"))
+    table = Table(("name", "group of standard parameters, and why"), rows, (0, 1))
+    texts = [f"{reason[:1].upper()}{reason[1:]}: {', '.join(names)}." for reason, names in alone.items()]
+    return (*([table] if rows else []), *(["\n".join(texts)] if texts else []))
 
 
 def draw_certainty(parameters: Sequence[ParameterEstimate]) -> tuple[Drawing, ...]:

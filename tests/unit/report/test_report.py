@@ -65,7 +65,7 @@ def test_names_are_escaped_origin_is_told_and_tables_scroll(result):
     assert text.count("a.npz: torque: multiplied by 2") == 1
     assert f"Written by symid {__version__}; robot arm of arm.toml." in text
     # That of the settings breaks its lines.
-    assert text.count("<table>") == text.count('<div class="scroll"') + 1 == 8
+    assert text.count("<table>") == text.count('<div class="scroll"') + 1 == 7
 
 
 def find_section(blocks, title):
@@ -270,3 +270,16 @@ def test_the_headline_counts_weak_values(result):
     sound, poor = (replace(estimate, parameters=(one, *others)) for one in (first, weak))
     assert show_estimate(sound)[0].endswith("all identifiable parameters have values")
     assert show_estimate(poor)[0].endswith(f"; 1 of {len(others) + 1} are poorly identifiable")
+
+
+def test_parameters_that_group_nothing_are_listed_in_a_line(result):
+    alone = [
+        replace(entry, expression=entry.name, reason="identifiable on its own")
+        for entry in result[0].parameters
+    ]
+    (text,) = pages.show_groupings(alone[:3])
+    assert text == f"Identifiable on its own: {', '.join(entry.name for entry in alone[:3])}."
+    groups = replace(alone[0], expression="ZZ1 + 0.25*M2", reason="M2: moves with the link before")
+    table, text = pages.show_groupings([groups, alone[1]])
+    assert table.rows == [(groups.name, "ZZ1 + 0.25*M2\nM2: moves with the link before")]
+    assert groups.name not in text
