@@ -13,8 +13,8 @@ of physical parameters in the order of the law, those with bristles a struct for
 Supported: double and float; one sample and batches; compilers with vector types of GCC, and C99 without;
 parameters as arguments or constants; all friction laws of the joint models.
 Not supported: a control loop as the example of elastic robots without stops, or of functions that make none,
-which are called once each; compilers without C99 arrays of stated size (take clang-cl, not Microsoft's); calls
-from Python without ctypes (see `library`), for float.
+which are called once each; compilers without C99 arrays of stated size (take clang-cl, not Microsoft's);
+calls from Python without ctypes (see `library`), for float.
 """
 
 import math
