@@ -81,7 +81,7 @@ class Notice:
 
 SEVERE = (
     *("identify.wrong", "validate.wrong", "identify.doubtful", "validate.doubtful"),
-    *("log.several-causes", "robot.gravity", "robot.no-friction"),
+    *("log.several-causes", "robot.gravity", "robot.no-friction", "robot.unused-body"),
     *("log.swapped-joints", "log.torque-sign", "log.position-sign", "log.looks-like-degrees"),
     *("identify.scale", "log.effort-size"),
     *("log.wrong-unit", "log.time-scale", "log.joint-zero", "log.in-proportion"),

@@ -20,6 +20,7 @@ from symid.ipopt import Ending
 from symid.joint_models import list_value_names
 from symid.robot.inertia import compute_standard_parameters
 from symid.robot.toml_settings import list_processing
+from symid.serialization import write_plain
 from tests.chains import draw_parameters
 
 STD = 1e-4
@@ -75,7 +76,7 @@ def build_estimate(robot, *, covariance=None, sources=("log.npz",)) -> Estimate:
         outcome=Outcome.SOLVED,
         samples=100,
         sources=sources,
-        settings={"processing": make_plain(processing)},
+        settings={"processing": make_plain(processing), "fixed": [write_plain(body) for body in robot.fixed]},
         covariance=tuple(tuple(map(float, row)) for row in given),
     )
 

@@ -104,7 +104,7 @@ ELSEWHERE = {
     ("elastic.md", "symid.joint_models"): EXAMPLES,
     ("embedded.md", "^make test-embedded"): EMBEDDED,
     ("excite.md", ""): "tests/cli/test_excite.py",
-    ("export.md", "two_link"): "tests/cli/test_export_page.py",
+    ("export.md", "two_link|welder"): "tests/cli/test_export_page.py",
     ("first_code.md", ""): TRANSCRIPTS,
     ("first_fit.md", ""): TRANSCRIPTS,
     ("first_lecture.md", ""): TRANSCRIPTS,

@@ -19,7 +19,7 @@ from typing import Any, ClassVar, final
 
 import numpy as np
 
-from symid import identification, logs as log_files, report, robot as robots
+from symid import codegen, identification, logs as log_files, report, robot as robots
 from symid.api.dynamics import RobotDynamics
 from symid.api.log import Log, LogLike, Logs, Part, Parts, Settings, list_logs, list_pairs, take_one_log
 from symid.api.result import DrawnResult, JudgedResult, SavedResult
@@ -377,8 +377,13 @@ class _DynamicsFit(Fit):
 
         Raises:
             UsageError: one of them was not identified, or the joints of an elastic robot were taken as rigid.
+            EstimateError: the robot file has other bodies on fixed joints than when the fit was made.
         """
-        return self._list_values(self.robot.base.names)
+        values, robot = self._list_values(self.robot.base.names), self.robot.description
+        if robot.fixed or "fixed" in self.estimate.settings:
+            card = codegen.build_model_card(robot, self.robot.base.product, ())
+            estimators.check_bodies(self.estimate, robot, card, self._name_file())
+        return values
 
     @property
     def f(self) -> FloatArray:

@@ -25,6 +25,7 @@ import sys
 import threading
 import time
 import traceback
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
@@ -176,14 +177,15 @@ def print_answer(answer: Answer, console: Console, *, as_json: bool, verbose: bo
     most = None if verbose else MOST_WARNINGS
     notices = list(answer.warnings)
     if not (verbose or whole):
-        # One in place of those on a robot file that are not severe.
-        notes = [entry for entry in notices if entry.code.startswith("robot.") and entry.code not in SEVERE]
-        notices = [entry for entry in notices if entry not in notes]
-        for file in dict.fromkeys(entry.file for entry in notes):
-            count = len({entry for entry in notes if entry.file == file})
-            said = f"{count} note{'s'[: count > 1]} on the robot file: symid check {file} prints "
+        # One of a kind in place of those on a robot file that are not severe.
+        mild = [entry for entry in notices if entry.code.startswith("robot.") and entry.code not in SEVERE]
+        notices = [entry for entry in notices if entry not in mild]
+        counts = Counter((entry.file, entry.is_note) for entry in dict.fromkeys(mild))
+        for (file, is_note), count in counts.items():
+            code, kind = ("robot.notes", "note") if is_note else ("robot.warnings", "warning")
+            said = f"{count} {kind}{'s'[: count > 1]} on the robot file: symid check {file} prints "
             said += "them" if count > 1 else "it"
-            notices.append(Notice(code="robot.notes", text=said, file=file))
+            notices.append(Notice(code=code, text=said, file=file))
     told = [] if console.quiet else [*list_notice_lines(notices, answer.sources, "-v shows them", most=most)]
     text = report.write_text(answer.blocks)
     # Without -v so many lines, the last of which says where the rest is.

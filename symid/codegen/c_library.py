@@ -12,9 +12,9 @@ of physical parameters in the order of the law, those with bristles a struct for
 
 Supported: double and float; one sample and batches; compilers with vector types of GCC, and C99 without;
 parameters as arguments or constants; all friction laws of the joint models.
-Not supported: an example for elastic robots, but for those with stops and a function of the motor torques;
-compilers without C99 arrays of stated size (use clang-cl in place of Microsoft's); calls from Python without
-ctypes (see `library`), for float.
+Not supported: a control loop as the example of elastic robots without stops, or of functions that make none,
+which are called once each; compilers without C99 arrays of stated size (take clang-cl, not Microsoft's);
+calls from Python without ctypes (see `library`), for float.
 """
 
 import math
@@ -42,6 +42,7 @@ _BATCH_SAMPLES = 13
 _FENCE = 8
 _UNTOUCHED = 12345.5
 _TEST_PERIOD = 1e-3
+_EXAMPLE_STATE = 0.1
 _RIGID_NUMBERS = {"kp": 400.0, "kd": 40.0, "period": 0.001, "amplitude": 0.2, "frequency": 3.0, "one": 1.0}
 _ELASTIC_NUMBERS = {"kp": 2500.0, "kd": 70.0, "period": 0.001, "substep": 0.000025, "amplitude": 0.1}
 _BRISTLE_STEPS = 40
@@ -434,10 +435,12 @@ def _write_self_test(material: Material, tolerance: str) -> str:
     )
 
 
-def _write_parameters(material: Material, vectors: Mapping[str, Sequence[ParameterCard]]) -> Fields:
+def _write_parameters(
+    material: Material, program: str, vectors: Mapping[str, Sequence[ParameterCard]]
+) -> Fields:
     """Return what an example does with vectors, by their names in the program, in the order of a file."""
     if not vectors:
-        usage = ["Usage: control_loop    All parameters are part of the functions."]
+        usage = [f"Usage: {program}    All parameters are part of the functions."]
         return {"usage_lines": usage, "parameter_lines": [], "file_names": [], "arguments": "void"}
     real = material.options.precision
     values = [entry.value for entries in vectors.values() for entry in entries]
@@ -459,7 +462,7 @@ def _write_parameters(material: Material, vectors: Mapping[str, Sequence[Paramet
     without = "the robot file's values are used" if known else "there are none: the robot file lacks values"
     file = f"FILE holds {names}, as numbers between blanks: identified values,"
     return {
-        "usage_lines": [f"Usage: control_loop [FILE]    {file}", f"for example. Without it {without}."],
+        "usage_lines": [f"Usage: {program} [FILE]    {file}", f"for example. Without it {without}."],
         "parameter_lines": text.splitlines(),
         "file_names": [names],
         "arguments": "int count, char **arguments",
@@ -514,9 +517,30 @@ def _write_control_loop(material: Material) -> str | None:
         sine=f"sin{suffix}",
         cosine=f"cos{suffix}",
         **{name: printing.write_literal(value, real) for name, value in numbers.items()},
-        **_write_parameters(material, vectors),
+        **_write_parameters(material, "control_loop", vectors),
         **own,
     )
+
+
+def _write_example(material: Material) -> str:
+    """Return the text of a program that calls each function once."""
+    card, real = material.card, material.options.precision
+    taken = {port.name for spec in card.functions for port in spec.inputs}
+    known = {card.vector: card.beta, "IA": card.rotors, "f": card.friction, "h": card.springs}
+    vectors = {name: entries for name, entries in known.items() if name in taken}
+    calls = []
+    for spec in card.functions:
+        given = []
+        for port in spec.inputs:
+            value = joint_models.REFERENCE_TEMPERATURE if port.name == "temperature" else _EXAMPLE_STATE
+            values = ", ".join([printing.write_literal(value, real)] * max(port.size, 1))
+            if port.name not in vectors:
+                given.append(f"const {real} {port.name}[{max(port.size, 1)}] = {{{values}}};")
+        given += [f"{real} {port.name}[{max(port.size, 1)}];" for port in spec.outputs]
+        arguments = ", ".join(port.name for port in (*spec.inputs, *spec.outputs))
+        call = {"name": spec.name, "given": given, "arguments": arguments}
+        calls.append({**call, "returned": [{"name": p.name, "size": p.size} for p in spec.outputs]})
+    return material.write("c/example.c.jinja", calls=calls, **_write_parameters(material, "example", vectors))
 
 
 def _write_sources(material: Material) -> list[tuple[str, str]]:
@@ -578,15 +602,14 @@ def generate_c_library(functions: Functions, options: GenerateOptions | None = N
     files = _write_sources(material)
     paths = [path for path, _ in files]
     sources, headers = ([path for path in paths if path.endswith(end)] for end in (".c", ".h"))
-    example = _write_control_loop(material)
-    texts = {"selftest": _write_self_test(material, tolerance)}
-    texts |= {"control_loop": example} if example is not None else {}
+    loop, texts = _write_control_loop(material), {"selftest": _write_self_test(material, tolerance)}
+    texts |= {"example": _write_example(material)} if loop is None else {"control_loop": loop}
     programs = tuple(texts)
     make = material.write(
         "c/Makefile.jinja",
         objects=" ".join(source.removesuffix(".c") + ".o" for source in sources),
         headers=" ".join(headers),
-        example_target="".join(f" {program}" for program in programs[1:]),
+        example=programs[1],
     )
     # CMake knows numbers alone: 1.2.3.dev4 is 1.2.3.
     version = numbers.group() if (numbers := re.match(r"\d+(\.\d+)*", __version__)) else "0"

@@ -370,7 +370,7 @@ def keep_dynamics(robot: Robot) -> Robot:
         for joint in robot.joints
     ]
     model = replace(robot, joints=tuple(plain), log=LogMap(), processing=Processing(), controller=None)
-    return replace(model, convention="", description="", source="", path="", notices=())
+    return replace(model, convention="", description="", source="", path="", notices=(), fixed=())
 
 
 def compute_library_key(

@@ -301,6 +301,9 @@ def build_side(robot: Robot, estimate: Estimate | ElasticEstimate, source: Path)
     if not found.covariance and sum(map(math.isfinite, deviations)) > 1:
         text = "no covariance: values are taken as independent, which affects chi-square; identify again"
         notices.append(Notice(code="compare.no-covariance", text=text, file=file))
+    if found.changes:
+        text = f"since this fit the robot file has changed: {found.changes}; compare fits of one robot"
+        notices.append(Notice(code="compare.other-bodies", text=text, file=file))
     if found.springs or found.rotors:
         text = "rotors and springs of elastic joints may differ, for they are not compared; see both reports"
         notices.append(Notice(code="compare.springs", text=text, file=file))

@@ -131,6 +131,14 @@ def write_stated(robot: robots.Robot, path: Path, options: ExportOptions) -> Fil
 def write_identified(found: Identified, source: Path, path: Path, options: ExportOptions) -> FileExport:
     """Write the robot with identified values; an EstimateError where bodies or scale are beyond limits."""
     check_format(path, options)
+    if found.changes:
+        text = f"since the fit the robot file has changed: {found.changes}; a fit is of the robot in its own "
+        text += "logs, so export it with the robot file that it was made with (symid export ... -o "
+        text += (
+            "identified.toml), write new fixed joints into identified.toml and export that without a fit; or "
+        )
+        text += "identify again with this file"
+        raise EstimateError(Notice(code="export.other-bodies", text=text, file=str(source)))
     library, limit = prepare_library(found.robot), options.limit
     most = POLICY.scale if options.ratio is None else options.ratio
     scales = compare_fit_scales(library, found.robot, found.values, found.covariance, found.motion)

@@ -21,7 +21,13 @@ from symid.arrays import FloatArray
 from symid.codegen import Library, build_model_card
 from symid.errors import EstimateError, Notice
 from symid.identification.elastic import ElasticEstimate, build_rigid_estimate, build_rigid_variant
-from symid.identification.estimators import Estimate, ParameterEstimate, check_model
+from symid.identification.estimators import (
+    Estimate,
+    ParameterEstimate,
+    check_bodies,
+    check_model,
+    describe_other_bodies,
+)
 from symid.identification.judge import POLICY, numerics
 from symid.identification.options import Described
 from symid.identification.rigid import restore_robot
@@ -35,6 +41,7 @@ class Identified:
     """Identified values of a robot, rotors of elastic joints, springs one a joint, None for rigid ones.
 
     `robot` is the robot as it was identified, `base` its base parameters; `missing` names what has no value;
+    `changes` how bodies on fixed joints differ from those in the robot file of the fit, in words;
     `covariance` is that of `values`, empty where the method gives none. `motion` has states of the logs, and
     `held_out` what is left of held-out torque in percent, by joint; empty where the fit has none.
     """
@@ -47,6 +54,7 @@ class Identified:
     springs: tuple[Elasticity | None, ...] = ()
     missing: tuple[str, ...] = ()
     notices: tuple[Notice, ...] = ()
+    changes: str = ""
     covariance: tuple[tuple[float, ...], ...] = ()
     motion: tuple[tuple[float, ...], ...] = ()
     held_out: Mapping[str, float] = field(default_factory=dict)
@@ -73,7 +81,8 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
     described = restore_robot(robot, estimate)
     if isinstance(estimate, ElasticEstimate):
         base = dynamics.derive_base_parameters(described)
-        check_model(estimate, build_model_card(described, base, ()), str(source))
+        card = build_model_card(described, base, ())
+        check_model(estimate, card, str(source))
         refused = {entry for entry, _ in estimate.refused}
         known = [entry for entry in estimate.parameters if entry.name not in refused]
         names = {entry.name for entry in (*base.parameters, *base.friction)}
@@ -111,12 +120,14 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
                 *(f"the spring of {joint!r}" for joint in lacking),
             ),
             notices=tuple(Notice(code=code, text=text, file=str(source)) for code, text in lost),
+            changes=describe_other_bodies(estimate, described, card),
             covariance=tuple(tuple(table[i][j] for j in places) for i in places if table),
         )
     found, notices = build_rigid_estimate(estimate, described), tuple[Notice, ...]()
     robot = build_rigid_variant(described)
     base = dynamics.derive_base_parameters(robot)
-    check_model(found, build_model_card(robot, base, ()), str(source))
+    card = build_model_card(robot, base, ())
+    check_model(found, card, str(source))
     if any(described.elastic):
         text = "the joints were identified as rigid, and are written so: rotors turn with their links, "
         text += "without springs, with which these values do not hold; identify the elastic robot to have "
@@ -133,6 +144,7 @@ def build_identified(robot: Robot, estimate: Estimate | ElasticEstimate, source:
         values=values,
         missing=_list_missing(base, values),
         notices=notices,
+        changes=describe_other_bodies(found, robot, card),
         covariance=covariance,
         motion=found.motion,
         held_out={} if found.evidence is None else {e.joint: e.held_out for e in found.evidence.joints},
@@ -245,6 +257,7 @@ def name_known_dynamics(
         text = "known dynamics of elastic joints: expected a fit of elastic joints, or a robot with values"
         raise EstimateError(Notice(code="estimate.kind", text=text, file=file))
     check_model(found, library.card, file)
+    check_bodies(found, robot, library.card, file)
     wanted = {entry.name for entry in library.card.beta} | {f"IA{number}" for number in numbers}
     wanted -= {name for name, _ in found.refused}
     known_well = (entry for entry in found.parameters if np.isfinite(entry.std))
@@ -261,7 +274,9 @@ def read_known_values(
         known = dynamics.choose_reading(partial(load_robot, str(known)))
     names = [entry.name for entry in library.card.beta]
     if not isinstance(known, Robot):
-        return read_rigid(known, library.card).assemble(names), name
+        found = read_rigid(known, library.card)
+        check_bodies(found, robot, library.card, name)
+        return found.assemble(names), name
     values = _compute_known_values(known, robot)
     return np.array([values[entry] for entry in names]), known.path or f"robot {known.name!r} in memory"
 

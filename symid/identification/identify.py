@@ -25,11 +25,12 @@ from symid.identification import (
     regression,
     rigid as rigids,
 )
-from symid.identification.estimators import Estimate, FitRecord, FittedLaw
+from symid.identification.estimators import Estimate, FitRecord, FittedLaw, check_bodies
 from symid.identification.mounting import refuse_mounting, search_mounting
 from symid.identification.options import IdentifyOptions, LawOptions
 from symid.identification.stored import read_rigid
 from symid.robot import Robot, describe_settings, name_for_commands
+from symid.serialization import write_plain
 
 Fit_co = TypeVar("Fit_co", bound=FitRecord, covariant=True)
 Recordings = Sequence[log_files.Recording]
@@ -143,6 +144,7 @@ def _identify_rigid(
                 start_name = show_path(Path(options.start))
         if options.prior not in (None, rigids.PRIOR_OF_ROBOT):
             prior = read_rigid(options.prior, library.card)
+            check_bodies(prior, rigid, library.card)
 
         def fit(logs: Recordings) -> Estimate:
             told["echo"] = log_files.describe_logs(rigid, logs)
@@ -156,7 +158,7 @@ def _identify_rigid(
         # Loads that friction reads, and that were not measured, follow from the estimate.
         estimate = friction_search.identify_loaded(library, recordings, rigid.processing, fit)
     motion = regression.outline_motion(library, recordings, rigid.processing)
-    estimate = replace(estimate, motion=motion, **_describe_origin(robot, recordings))
+    estimate = replace(estimate, motion=motion, **_describe_origin(estimate, robot, recordings))
     if motor_side:
         estimate = elastics.refuse_elasticity(estimate, robot, both=both)
         notes = (note for entry in recordings for note in entry.notices)
@@ -169,11 +171,14 @@ def _identify_rigid(
     return Identification(estimate=estimate, notices=notices, backend=library.backend)
 
 
-def _describe_origin(robot: Robot, recordings: Recordings) -> dict[str, Any]:
-    """Return the fields of a record that say whether values of the robot file are true, and which file."""
+def _describe_origin(record: FitRecord, robot: Robot, recordings: Recordings) -> dict[str, Any]:
+    """Return the fields of a record that say which robot file, what it fixes, whether its values are true."""
     simulated = all(entry.simulated == robot.values_signature for entry in recordings)
     name = name_for_commands(robot)
-    return {"simulated": simulated, "file": "" if name == robot.name else name}
+    settings = dict(record.settings)
+    if robot.fixed:
+        settings["fixed"] = [write_plain(body) for body in robot.fixed]
+    return {"simulated": simulated, "file": "" if name == robot.name else name, "settings": settings}
 
 
 def _compare_with_file(
@@ -226,7 +231,7 @@ def prepare_elastic_methods(
         context.progress(f"identifying {robot.name} from {ready.counted} by the method {name!r}")
         found = by_method(method)
         estimate = replace(found, notices=(*found.notices, *elastics.warn_of_rotors(found.parameters)))
-        estimate = replace(estimate, **_describe_origin(robot, recordings))
+        estimate = replace(estimate, **_describe_origin(estimate, robot, recordings))
         if not estimate.simulated:
             springs = tuple(replace(spring, truth=None) for spring in estimate.springs)
             estimate = replace(estimate, springs=springs)
@@ -356,6 +361,6 @@ def identify_robot_friction(
     text = f"elastic robot {robot.name!r}: friction was fitted on the motor side with a rigid model, so it "
     text += "includes the losses of springs; identify the whole robot to separate them"
     springs = () if described is robot else (Notice(code="friction.elastic", text=text),)
-    found = replace(found, **_describe_origin(robot, recordings))
+    found = replace(found, **_describe_origin(found, robot, recordings))
     notices = (*_list_log_notices(robot, recordings), *springs, *library.notices, *found.notices, *unused)
     return Identification(estimate=found, notices=notices, backend=library.backend)

@@ -170,6 +170,7 @@ def validate_fit(
     estimators.check_model(found, library.card, file)
     context.progress(f"validating on {recording.source}")
     notices = (*described.notices, *notices, *library.notices)
+    notices += estimators.warn_of_other_bodies(found, rigid, library.card, file)
     if isinstance(found, FrictionIdentification):
         rotors = list_coupled_rotors(described)
         validation = validate_friction(found, library, recording, described.processing, rotors=rotors)
@@ -244,6 +245,7 @@ def _validate_elastic(
         overlap = log_files.measure_overlap(moved, estimate.sources, estimate.settings)
         told = {"what": "estimate", "part": log_files.describe_overlap(overlap, moved)}
         warnings.append(diagnostics.build_warning("validate.fitted-log", file=trial.source, **told))
+    warnings += estimators.warn_of_other_bodies(estimate, described, library.card, file)
     reached = {joint.joint: float(abs(joint.torsion).max()) for joint in trial.joints}
     beyond = [
         f"{entry.joint} {reached[entry.joint]:.3g} against {entry.torsion:.3g} {entry.position_unit}"

@@ -36,6 +36,7 @@ from symid.identification.estimators import (
     Series,
     Validation,
     check_model,
+    warn_of_other_bodies,
 )
 from symid.identification.rigid import (
     Diagnosis,
@@ -615,6 +616,7 @@ def write_fit_page(
         match estimate:
             case Estimate():
                 check_model(rigid, library.card, file)
+                notices += warn_of_other_bodies(rigid, described, library.card, file)
                 overlap = get_fit_overlap(rigid.settings)
                 for recording in recordings:
                     context.progress(f"validating on {recording.source}")
@@ -629,6 +631,7 @@ def write_fit_page(
                 notices += tuple(notice for entry in validations for notice in entry.notices)
             case elastic.ElasticEstimate():
                 check_model(estimate, library.card, file)
+                notices += warn_of_other_bodies(estimate, described, library.card, file)
                 context.progress(f"trying the model on {len(recordings)} log{'s'[: len(recordings) > 1]}")
                 kept = elastic.cut_logs(recordings, described.processing)
                 moved, _, aligned = elastic.prepare_aligned(library, kept)

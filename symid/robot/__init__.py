@@ -10,6 +10,7 @@ if TYPE_CHECKING:
         Controller as Controller,
         Coupling as Coupling,
         Decimation as Decimation,
+        FixedBody as FixedBody,
         Joint as Joint,
         JointKind as JointKind,
         Limits as Limits,
@@ -37,6 +38,7 @@ if TYPE_CHECKING:
     from symid.robot.inertia import (
         build_pseudo_inertias as build_pseudo_inertias,
         explain_impossible_inertia as explain_impossible_inertia,
+        is_same_body as is_same_body,
         move_by_placement as move_by_placement,
         move_parameters as move_parameters,
         to_matrix as to_matrix,

@@ -320,6 +320,20 @@ class LinkPlace:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class FixedBody:
+    """A body on the fixed joint `name`, a tool for example, which counts in the link of the joint `carrier`.
+
+    `inertial` are its ten parameters, `own` those of the carrying link without such bodies, None where not
+    known; both as the link frame of the carrier sees them.
+    """
+
+    name: str
+    carrier: str
+    inertial: tuple[float, ...] | None
+    own: tuple[float, ...] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Coupling:
     """A drive that turns with several joints: its speed is the sum of factor * dq over `terms`.
 
@@ -360,8 +374,9 @@ class Robot:
     calls can name; `log`, `processing` and `controller` are those in use; `made_from` is the URDF that it was
     made from. Joints that follow no other, `axes`, have a coordinate each, in the order of the joints. Joints
     and couplings together are numbered through (joints first); the number stands in the labels of their
-    parameters. `links` are those of a URDF, with those that became part of others. What a fit is to find is
-    told by `free_gravity`, whose values are then those of symbols, and `free_zeros`, joints by name.
+    parameters. `links` are those of a URDF, with those that became part of others; `fixed` are the bodies on
+    fixed joints of any file. What a fit is to find is told by `free_gravity`, whose values are then those of
+    symbols, and `free_zeros`, joints by name.
     """
 
     name: str
@@ -380,6 +395,7 @@ class Robot:
     couplings: tuple[Coupling, ...] = ()
     made_from: SourceFile | None = None
     links: tuple[LinkPlace, ...] = ()
+    fixed: tuple[FixedBody, ...] = ()
     free_gravity: bool = False
     free_zeros: tuple[str, ...] = ()
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from symid.arrays import FloatArray
-from symid.robot.description import Joint, LinkPlace
+from symid.robot.description import FixedBody, Joint, LinkPlace
 from symid.robot.geometry import IDENTITY, Placement, compose_placements, to_floats
 
 TENSOR = ("xx", "xy", "xz", "yy", "yz", "zz")
@@ -138,12 +138,13 @@ def explain_impossible_inertia(parameters: Sequence[float]) -> str:
 class Lumped:
     """The moving joints of a tree, the new index of each old joint (None: fixed), links of fixed joints.
 
-    A link on a fixed joint has the name of that joint in `frames`.
+    A link on a fixed joint has the name of that joint in `frames`; `bodies` are those with mass that move.
     """
 
     joints: tuple[Joint, ...]
     indices: tuple[int | None, ...]
     frames: tuple[LinkPlace, ...]
+    bodies: tuple[FixedBody, ...]
 
 
 def lump_fixed_joints(
@@ -166,17 +167,19 @@ def lump_fixed_joints(
     loads: dict[int, list[int]] = {}
     for index in sorted(still):
         loads.setdefault(carriers[index][0], []).append(index)
-    found = []
+    found, bodies = [], []
     for old in moving:
         carrier, placement = _locate_parent(joints[old], carriers)
         joint = joints[old]
         for k in loads.get(old, []):
             if has_mass(joints[k]):
-                own, added = joint.inertial, joints[k].inertial
+                whole, added = joint.inertial, joints[k].inertial
+                moved = None if added is None else move_by_placement(added, carriers[k][1], symbols)
+                own = joints[old].inertial
+                bodies.append(FixedBody(name=joints[k].name, carrier=joint.name, inertial=moved, own=own))
                 total = None
-                if own is not None and added is not None:
-                    moved = move_by_placement(added, carriers[k][1], symbols)
-                    total = tuple(a + b for a, b in zip(own, moved, strict=True))
+                if whole is not None and moved is not None:
+                    total = tuple(a + b for a, b in zip(whole, moved, strict=True))
                 joint = replace(joint, inertial=total, form=None)
         mimic = joint.mimic and replace(joint.mimic, master=positions[joint.mimic.master])
         found.append(replace(joint, parent=positions.get(carrier, -1), placement=placement, mimic=mimic))
@@ -189,7 +192,7 @@ def lump_fixed_joints(
         for index in sorted(still)
     )
     indices = tuple(positions.get(index) for index in range(len(joints)))
-    return Lumped(joints=tuple(found), indices=indices, frames=frames)
+    return Lumped(joints=tuple(found), indices=indices, frames=frames, bodies=tuple(bodies))
 
 
 def _locate_parent(joint: Joint, carriers: Mapping[int, tuple[int, Placement]]) -> tuple[int, Placement]:

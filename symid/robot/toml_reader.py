@@ -35,6 +35,7 @@ from symid.robot.description import (
     DEFAULT_GRAVITY,
     UNKNOWN,
     Coupling,
+    FixedBody,
     Joint,
     JointKind,
     Mimic,
@@ -143,7 +144,7 @@ def build_robot(root: Section, file: str) -> Robot:
                 table.refuse_key("robot.bad-name", symbol, f"{text} parameter")
             values[symbol] = table.read_float(symbol, "") or 0.0
         root = replace(root, symbols=values)
-    joints, couplings = read_joints(root, convention)
+    joints, couplings, fixed = read_joints(root, convention)
     root.require("gravity", "write gravity = [0, 0, -9.81], the vector in the base frame in m/s^2")
     unknown = root.get("gravity") == UNKNOWN
     gravity = DEFAULT_GRAVITY if unknown else read_vector(root, "gravity", "m/s^2")
@@ -198,6 +199,7 @@ def build_robot(root: Section, file: str) -> Robot:
         path=file,
         notices=notices,
         made_from=made_from,
+        fixed=fixed,
     )
     found = free_mounting(robot, gravity=unknown, zeros=zeros or ())
     place = root.places.locate_value(("gravity",))
@@ -362,8 +364,10 @@ def _warn_implausible(root: Section, sections: Sequence[Section], joints: Sequen
             root.warn("robot.implausible-body", "joint", text)
 
 
-def read_joints(root: Section, convention: str) -> tuple[tuple[Joint, ...], tuple[Coupling, ...]]:
-    """Return the joints of the file, and the drives that turn with several of them."""
+def read_joints(
+    root: Section, convention: str
+) -> tuple[tuple[Joint, ...], tuple[Coupling, ...], tuple[FixedBody, ...]]:
+    """Return the joints of the file, the drives that turn with several of them, bodies on fixed joints."""
     remedy = 'write [[joint]] and kind = "revolute" for each joint'
     root.require("joint", remedy)
     if root.get("joint") == []:
@@ -417,18 +421,23 @@ def read_joints(root: Section, convention: str) -> tuple[tuple[Joint, ...], tupl
         text = "every joint is fixed, and a robot moves; give one of them another kind"
         sections[0].refuse("robot.fixed-joint", "kind", text)
     if not fixed or root.errors:
-        return tuple(joints), couplings
+        return tuple(joints), couplings, ()
     lumped = lump_fixed_joints(joints, fixed, root.symbols)
+    unused = {body.name for body in lumped.bodies if body.own is None}
     for index, fixture in zip(fixed, lumped.frames, strict=True):
         carrier = fixture.joint
         where = f"the link of joint '{lumped.joints[carrier].name}'" if carrier >= 0 else "the base"
+        if fixture.name in unused:
+            text = f"these values count nowhere: {where}, which carries them, has none; state those too, or "
+            text += "write this joint into a robot file with identified values"
+            sections[index].warn("robot.unused-body", "link", text)
+            continue
         mass = "" if has_mass(joints[index]) else ", which gets no heavier: the file gives no mass"
         sections[index].warn("robot.lumped", "kind", f"fixed; its link belongs to {where}{mass}")
     moved = {old: new for old, new in enumerate(lumped.indices) if new is not None}
-    return lumped.joints, tuple(
-        replace(entry, terms=tuple((moved[index], factor) for index, factor in entry.terms))
-        for entry in couplings
-    )
+    terms = (tuple((moved[index], factor) for index, factor in entry.terms) for entry in couplings)
+    turned = tuple(replace(entry, terms=own) for entry, own in zip(couplings, terms, strict=True))
+    return lumped.joints, turned, lumped.bodies
 
 
 def read_dh_table(path: Path, convention: str, gravity: tuple[str, str, str] = ("0", "0", "-9.81")) -> Robot:

@@ -267,7 +267,7 @@ def assemble_robot(
     document, root = reading.document, reading.document.root
     what, link, attribute = ("URDF", "link", "name") if gravity is None else ("MJCF model", "body", "model")
     _warn_implausible(reading, first, kept)
-    joints, links = _reduce_joints(reading, first, kept, followers, tip)
+    joints, links, fixed = _reduce_joints(reading, first, kept, followers, tip)
     # Drives that turn with several joints; joints that are at rest do not move them.
     index = {joint.name: number for number, joint in enumerate(joints)}
     reached = {joint.name for joint in (*before, *kept)}
@@ -317,6 +317,7 @@ def assemble_robot(
         name=name,
         joints=joints,
         links=links,
+        fixed=fixed,
         gravity=down,
         convention="urdf" if gravity is None else "mjcf",
         description=f"from the {what} {file.name}, whose {link} {first} is the base"
@@ -356,8 +357,10 @@ def _reduce_joints(
     kept: Sequence[TreeJoint],
     followers: Mapping[str, description.MimicStep],
     tip: str | None,
-) -> tuple[tuple[description.Joint, ...], tuple[description.LinkPlace, ...]]:
-    """Return the moving joints with canonical frames, and all links that move."""
+) -> tuple[
+    tuple[description.Joint, ...], tuple[description.LinkPlace, ...], tuple[description.FixedBody, ...]
+]:
+    """Return the moving joints with canonical frames, all links that move, and bodies on fixed joints."""
     index = {joint.name: number for number, joint in enumerate(kept)}
     carriers = {first: -1} | {joint.child: number for number, joint in enumerate(kept)}
     # From a link's frame here, whose z is the joint's axis, to that of the file.
@@ -429,4 +432,11 @@ def _reduce_joints(
             text += "meant to be parallel, write frames and axes so; else some base parameters are poorly "
             text += "identifiable"
             part.group("robot.nearly-parallel", text, f"{tilt:.1e}")
-    return reframed.joints, links
+    turns = dict(zip((joint.name for joint in joints), turned, strict=True))
+    fixed = []
+    for body in lumped.bodies:
+        inertial, own = (
+            values and move_by_placement(values, turns[body.carrier]) for values in (body.inertial, body.own)
+        )
+        fixed.append(replace(body, inertial=inertial, own=own))
+    return reframed.joints, links, tuple(fixed)

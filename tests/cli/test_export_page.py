@@ -5,6 +5,7 @@ import shlex
 import subprocess
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import symid
@@ -68,7 +69,7 @@ def test_two_tools_in_one_program(page, folder, c_compiler, monkeypatch):
     run_lines(
         "symid identify two_link loaded.npz -o gripper.json\nsymid identify two_link log.npz -o camera.json"
     )
-    run_lines(list_blocks(page, "sh")[-2])
+    run_lines(list_blocks(page, "sh")[-4])
     (folder / "tools.c").write_text(list_blocks(page, "c")[1], encoding="utf-8")
     sources = sorted(map(str, Path("two_link_c").glob("symid_two_link_*.c")))
     flags = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-Itwo_link_c", "-I."]
@@ -82,6 +83,28 @@ def test_two_tools_in_one_program(page, folder, c_compiler, monkeypatch):
         expected = library.inverse_dynamics(*state, values[:6]) + library.friction(state[1], values[6:])
         assert torques == pytest.approx(expected, rel=0.01, abs=0.01)
     assert abs(gripper[0] - camera[0]) > 0.5
+
+
+def test_a_tool_is_appended_to_identified_values(page, folder, monkeypatch):
+    """The torque is that of the true arm, plus the tool's of the drawing in hand-written trigonometry."""
+    monkeypatch.chdir(folder)
+    before, after = list_blocks(page, "sh")[-3:-1]
+    run_lines(before)
+    (tool,) = (block for block in list_blocks(page, "toml") if 'kind = "fixed"' in block)
+    with Path("welder.toml").open("a", encoding="utf-8") as file:
+        file.write(tool)
+    run_lines(after)
+    assert run(["export", "welder.toml", "estimate.json", "-o", "again.h", "-q"]) == 3
+    plain = symid.load("two_link")
+    library, elbow = plain.compile(), plain.description.joints[1]
+    length = elbow.placement.translation[0].to_float()
+    values = Path("welder_values.h").read_text(encoding="utf-8").partition("welder_beta[6] = {")[2]
+    beta = [float(number) for number in re.findall(r"^    (\S+),", values.partition("};")[0], re.MULTILINE)]
+    q = np.array([0.4, -0.9])
+    x, y = 0.35 + 0.03 * np.cos(np.pi / 6), 0.03 * np.sin(np.pi / 6)
+    more = 0.8 * 9.81 * (x * np.cos(q.sum()) - y * np.sin(q.sum()))
+    more = [more + 0.8 * 9.81 * length * np.cos(q[0]), more]
+    assert library.gravity(q, beta) - library.gravity(q, library.beta) == pytest.approx(more, abs=0.02)
 
 
 def test_the_payload_comes_out(page, folder, capsys, monkeypatch):

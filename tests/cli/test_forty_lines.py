@@ -66,13 +66,16 @@ def test_a_command_prints_forty_lines(folder, capsys, monkeypatch, command):
 
 
 def test_notes_of_a_robot_file_are_printed_by_check(folder, capsys, monkeypatch):
-    """The notice `robot.notes` stands for them elsewhere."""
+    """The notices `robot.notes` and `robot.warnings` stand for them elsewhere."""
     monkeypatch.chdir(folder)
     notes = [line for line in call(capsys, "check arm.urdf").err.splitlines() if "arm.urdf" in line]
     assert len(notes) >= 2
     for command in ("base arm.urdf", "validate arm.urdf fit.json 2.npz"):
         said = call(capsys, command).err
-        assert f"{len(notes)} notes on the robot file: symid check arm.urdf prints them" in said
+        for kind in ("note", "warning"):
+            count = sum(line.startswith(f"{kind}:") for line in notes)
+            counted = f"{kind}: arm.urdf: {count} {kind}{'s' * (count > 1)} on the robot file: symid check "
+            assert (counted in said) == bool(count)
         assert not any(note in said for note in notes)
         assert all(note in call(capsys, f"{command} -v").err for note in notes)
 

@@ -125,6 +125,26 @@ def test_a_tool_known_from_drawings(tmp_path, robots_folder):
     assert more[1] == pytest.approx(0.8 * 9.81 * (reach * np.cos(q.sum()) - side * np.sin(q.sum())), rel=1e-9)
 
 
+def test_a_link_of_a_standard_row(tmp_path):
+    """Its frame is at its end: weights, by plain levers, are those of the arm and of the tool beyond it."""
+    text = find_block("robot_file.md", 'name = "boom"')
+    other = text.replace('"standard"', '"modified"').replace("a = 0.4", "a = 0.0")
+    other = other.replace("[-0.2, 0, 0]", "[0.2, 0, 0]").replace("[0.05, 0, 0]", "[0.45, 0, 0]")
+    for body in (text, other):
+        (tmp_path / "boom.toml").write_text(body, "utf-8")
+        library = symid.load(tmp_path / "boom.toml").compile()
+        weights = 9.81 * (2.0 * 0.2 + 0.5 * (0.4 + 0.05 + 0.1))
+        assert library.gravity([0.7], library.beta) == pytest.approx(weights * np.cos(0.7), rel=1e-12)
+
+
+def test_robots_that_state_link_values_are_named():
+    page = (DOCS / "robots.md").read_text(encoding="utf-8")
+    named = page.partition("All link values")[2].partition("; the other files")[0]
+    shipped = {name: symid.load(name).description.joints for name in symid.list_robots()}
+    stating = [name for name, joints in shipped.items() if all(joint.inertial for joint in joints)]
+    assert re.findall("`(.*?)`", named) == stating
+
+
 def test_a_fleet_with_its_table_and_page(tmp_path, robots_folder, monkeypatch):
     pyarrow = pytest.importorskip("pyarrow", reason="wants pyarrow: pip install 'symid[parquet]'")
     parquet = pytest.importorskip("pyarrow.parquet")

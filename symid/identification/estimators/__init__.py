@@ -32,12 +32,15 @@ if TYPE_CHECKING:
         Series as Series,
         SettingsChoice as SettingsChoice,
         Validation as Validation,
+        check_bodies as check_bodies,
         check_model as check_model,
         check_robot as check_robot,
         compute_mean_relative as compute_mean_relative,
+        describe_other_bodies as describe_other_bodies,
         find_phases as find_phases,
         list_parameters as list_parameters,
         list_shares as list_shares,
+        warn_of_other_bodies as warn_of_other_bodies,
     )
     from symid.identification.estimators.instrumental import (
         InstrumentalSolution as InstrumentalSolution,

@@ -13,6 +13,7 @@ from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
+from functools import partial
 from typing import Any, ClassVar, final
 
 import numpy as np
@@ -21,12 +22,12 @@ from numpy.typing import NDArray
 from symid.arrays import FloatArray, FrozenArrays, find_runs
 from symid.codegen import ModelCard, ParameterCard
 from symid.errors import EstimateError, Notice, UsageError
-from symid.identification.judge import POLICY
+from symid.identification.judge import POLICY, numerics
 from symid.identification.regression import ROW_KINDS
 from symid.joint_models import FrictionValues, rename_law
 from symid.notation import MOUNTING
-from symid.robot import Processing
-from symid.serialization import HIDDEN, Finite, name_key
+from symid.robot import FixedBody, Processing, Robot, is_same_body
+from symid.serialization import HIDDEN, Finite, name_key, read_record
 
 PHASES = ("motion", "reversal", "rest")
 _SLOW, _STANDING = 0.05, 0.002
@@ -414,6 +415,66 @@ def check_robot(record: FitRecord, robot: str, file: str = "", difference: str =
         raise EstimateError(Notice(code="estimate.signature", text=text, file=file))
 
 
+def describe_other_bodies(record: FitRecord, robot: Robot, card: ModelCard) -> str:
+    """Return how bodies on fixed joints, such as tools, differ from those in the robot file of the fit.
+
+    Nothing where the base parameters of `card`, made of `robot`, are those that were stated then, so that the
+    same is written in another way, or those of the fit, which an export wrote.
+    """
+    now, before = {body.name: body for body in robot.fixed}, _read_fixed(record)
+    links = {joint.name: joint.inertial for joint in robot.joints} | {e.carrier: e.own for e in robot.fixed}
+    texts = []
+    for name in dict.fromkeys((*now, *before)):
+        body, old = now.get(name), before.get(name)
+        what = ""
+        if old is None:
+            what = "is new"
+        elif body is None:
+            # Else the moving link has other values, and this body may be among them.
+            what = "is gone" if is_same_body(links.get(old.carrier), old.own) else ""
+        elif body.carrier != old.carrier or not is_same_body(body.inertial, old.inertial):
+            # An export writes all links of a URDF or MJCF model anew.
+            rewritten = robot.convention in {"urdf", "mjcf"} and not is_same_body(body.own, old.own)
+            what = "" if rewritten else "is another"
+        shown = body or old
+        if what and shown is not None:
+            mass = "" if shown.inertial is None else f"{shown.inertial[9]:.3g} kg "
+            texts.append(f"{name!r} ({mass}on the link of {shown.carrier!r}) {what}")
+    if not texts or not isinstance(record, DynamicsRecord):
+        return ""
+    stated = {entry.name: entry.value for entry in card.beta}
+    known = [entry for entry in record.parameters if entry.name in stated]
+    values = [stated[entry.name] for entry in known]
+    size = max((abs(value) for value in values if value is not None), default=0.0)
+    near = partial(math.isclose, rel_tol=numerics.CONVERGED, abs_tol=numerics.EXACT * size)
+    for others in ([entry.truth for entry in known], [entry.value for entry in known]):
+        pairs = zip(values, others, strict=True)
+        if known and all(a is not None and b is not None and near(a, b) for a, b in pairs):
+            return ""
+    return ", ".join(texts)
+
+
+def warn_of_other_bodies(record: FitRecord, robot: Robot, card: ModelCard, file: str) -> tuple[Notice, ...]:
+    """Return the warning that the robot file states other bodies on fixed joints than that of the fit."""
+    changes = describe_other_bodies(record, robot, card)
+    text = f"since the fit the robot file has changed: {changes}; the fit is of the robot in its own logs: "
+    text += "give the robot file that it was made with, or identify again"
+    return (Notice(code="estimate.other-bodies", text=text, file=file),) if changes else ()
+
+
+def check_bodies(record: FitRecord, robot: Robot, card: ModelCard, file: str = "") -> None:
+    """Raise EstimateError where `warn_of_other_bodies` warns: there, values of the fit are taken as true."""
+    if notices := warn_of_other_bodies(record, robot, card, file):
+        raise EstimateError(*notices)
+
+
+def _read_fixed(record: FitRecord) -> dict[str, FixedBody]:
+    """Return the bodies on fixed joints in the robot file of the fit, by name; InputError if unusable."""
+    entries = record.settings.get("fixed", ())
+    wanted = list(entries) if isinstance(entries, list | tuple) else [entries]
+    return {body.name: body for body in (read_record(FixedBody, entry, "fixed") for entry in wanted)}
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FittedLaw:
     """The friction law of a joint that was chosen, or whose shape values were fitted.
@@ -458,6 +519,7 @@ class DynamicsRecord(FitRecord):
     def list_mistakes(self) -> list[str]:
         """Return what is wrong with a record from a file: entries that do not fit each other."""
         count, mistakes = len(self.parameters), []
+        _read_fixed(self)
         if self.covariance and [len(row) for row in self.covariance] != [count] * count:
             mistakes.append(f"covariance: expected {count} rows of {count} numbers, one for each parameter")
         if not self.residual:

@@ -63,6 +63,40 @@ def test_the_examples_track_their_trajectory(c_folders, tmp_path):
         assert float(run(c_folders / command[0], *command[1:]).stdout.split()[-4]) < 5e-3
 
 
+@pytest.mark.parametrize("precision", ["double", "float"])
+@pytest.mark.parametrize(
+    ("robot", "names"),
+    [
+        ("two_link", ("inverse_dynamics", "friction")),
+        ("two_link", ("forward_kinematics",)),
+        ("emps", ("bias", "friction")),
+        ("two_link_elastic", ("mass_matrix", "hysteresis_step")),
+    ],
+)
+def test_the_example_of_functions_that_make_no_loop(robot, names, precision, tmp_path, c_compiler):
+    """It calls each once, with given values where the robot file has none, and prints what CasADi finds."""
+    functions = build_shipped(robot, *names)
+    folder, card = write_c(functions, tmp_path / "c", precision=precision), functions.card
+    make(folder, c_compiler, "all", flags="-O1 -Werror")
+    given, found = [], {"beta": card.beta, "f": card.friction, "h": card.springs, "IA": card.rotors}
+    vectors = {name: [entry.value for entry in entries] for name, entries in found.items()}
+    if robot == "emps":
+        assert run(folder, "./example", check=False).returncode == 2
+        vectors |= {"beta": [95.1], "f": [203.5, 20.39, -3.16]}
+        (tmp_path / "values").write_text("95.1 203.5 20.39 -3.16\n")
+        given = [str(tmp_path / "values")]
+    lines = iter(run(folder, "./example", *given).stdout.splitlines())
+    for spec, function in zip(card.functions, functions.functions, strict=True):
+        values = function.call([vectors.get(port.name, [0.1] * port.size) for port in spec.inputs])
+        for port, value in zip(spec.outputs, values, strict=True):
+            name, printed = next(lines).rsplit(":", 1)
+            assert name == f"{spec.name}: {port.name}"
+            wanted = np.ravel(ca.DM(value).full())
+            numbers = list(map(float, printed.split()))
+            np.testing.assert_allclose(numbers, wanted, rtol=1e-5, atol=1e-6)
+    assert not list(lines)
+
+
 @pytest.mark.parametrize("robot", ["two_link", "panda"])
 def test_float_builds_agree_and_hold_no_double(made, robot, tmp_path, c_compiler):
     folder = write_c(made[robot], tmp_path / "c", precision="float")

@@ -18,7 +18,15 @@ def find_blocks(project, document, language):
 def test_every_robot_of_the_documentation_is_read(project):
     blocks = find_blocks(project, "robot_file.md", "toml")
     robots = [parse_robot(block, "example.toml") for block in blocks if "[[joint]]" in block]
-    assert [robot.name for robot in robots] == ["arm", "leg", "pendulum", "wrist", "elastic_arm", "slide"]
+    assert [robot.name for robot in robots] == [
+        "arm",
+        "leg",
+        "pendulum",
+        "boom",
+        "wrist",
+        "elastic_arm",
+        "slide",
+    ]
     codes = {notice.code for robot in robots for notice in robot.notices}
     assert codes == {"robot.lumped", "robot.elastic-joint"}
 

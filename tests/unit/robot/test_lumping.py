@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from symid.robot.description import SymbolicInertia
-from symid.robot.geometry import ONE, ZERO, Exact, compose_placements, translate
+from symid.robot.geometry import ONE, ZERO, Exact, compose_placements, to_floats, translate
 from symid.robot.inertia import lump_fixed_joints
 from tests.chains import build_joint, draw_parameters
 
@@ -32,6 +32,25 @@ def test_frames_are_seen_from_their_carrier():
     assert lumped.frames[1].placement == compose_placements(joints[1].placement, joints[2].placement)
     assert [joint.parent for joint in lumped.joints] == [-1, 0]
     assert lumped.indices == (0, None, None, 1)
+
+
+def test_bodies_are_seen_from_their_carrier():
+    joints = build(parents=(-1, 0, 1, 0))
+    lumped = lump_fixed_joints(joints, {1, 2})
+    assert [(body.name, body.carrier) for body in lumped.bodies] == [
+        ("joint2", "joint1"),
+        ("joint3", "joint1"),
+    ]
+    whole = np.sum([body.inertial for body in lumped.bodies], axis=0) + joints[0].inertial
+    np.testing.assert_allclose(lumped.joints[0].inertial, whole, rtol=1e-14)
+    # The moment of the second: its mass times the place of its centre.
+    frame = compose_placements(joints[1].placement, joints[2].placement)
+    centre = np.array(to_floats(frame)) @ joints[2].inertial[6:9]
+    centre += joints[2].inertial[9] * np.array([value.to_float() for value in frame.translation])
+    np.testing.assert_allclose(lumped.bodies[1].inertial[6:9], centre, rtol=1e-12)
+    assert all(body.own == joints[0].inertial for body in lumped.bodies)
+    # What is fixed to the base moves with nothing.
+    assert lump_fixed_joints(joints, {0}).bodies == ()
 
 
 def test_unknown_values():

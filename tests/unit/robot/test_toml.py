@@ -299,6 +299,13 @@ REMARKS = [
         '[[joint]]\nname = "flange"\nkind = ^"fixed"',
         "joint 'flange': kind: fixed; its link belongs to the link of joint 'shoulder', which gets no",
     ),
+    (
+        "robot.unused-body",
+        '[[joint]]\nname = "tool"\nkind = "fixed"\n'
+        + LINK.replace("{", "^{")
+        + "inertia = { xx = 1, yy = 1, zz = 1 } }",
+        "joint 'tool': link: these values count nowhere: the link of joint 'shoulder', which carries them",
+    ),
     (INERTIA, "link = { standard = ^{ M = 1, MX = 1, XX = 0.1, YY = 0.5, ZZ = 0.5 } }", "-0.5, -0.5 and 0.1"),
     ("robot.inertia-without-mass", "link = { standard = ^{ M = 0, XX = 0.1 } }", "(M = 0)"),
     ("robot.negative-stiffness", "spring = { stiffness = ^-2, rest = 0 }", "stiffness: -2 "),
