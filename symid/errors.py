@@ -30,7 +30,7 @@ NOTES = frozenset(
         *("log.aligned", "log.converted", "log.cut", "log.delay-refuted", "log.folded", "log.in-line"),
         *("log.episodes", "log.layout", "log.missing", "log.sample-rate", "log.time-unit"),
         *("log.motor-position", "log.no-motor", "log.offset", "log.payload", "log.resampled"),
-        *("log.topic-read", "log.transposed", "log.unused-columns", "log.wraps"),
+        *("log.topic-read", "log.torque-peaks", "log.transposed", "log.unused-columns", "log.wraps"),
         *("log.incomplete-messages", "identify.mounting", "robot.free-gravity"),
         *("new.assumed-order", "new.assumed-side", "new.gravity"),
         *("new.friction-kept", "new.preset", "new.unused-columns", "payload.controller-scope"),

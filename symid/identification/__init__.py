@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         FileExport as FileExport,
         check_format as check_format,
         locate_source as locate_source,
+        refuse_overloads as refuse_overloads,
         write_friction as write_friction,
         write_identified as write_identified,
         write_stated as write_stated,

@@ -156,7 +156,7 @@ def _identify_rigid(
         # Loads that friction reads, and that were not measured, follow from the estimate.
         estimate = friction_search.identify_loaded(library, recordings, rigid.processing, fit)
     motion = regression.outline_motion(library, recordings, rigid.processing)
-    estimate = replace(estimate, motion=motion, **_describe_origin(robot, recordings))
+    estimate = _add_origin(replace(estimate, motion=motion), robot, recordings)
     if motor_side:
         estimate = elastics.refuse_elasticity(estimate, robot, both=both)
         notes = (note for entry in recordings for note in entry.notices)
@@ -169,11 +169,13 @@ def _identify_rigid(
     return Identification(estimate=estimate, notices=notices, backend=library.backend)
 
 
-def _describe_origin(robot: Robot, recordings: Recordings) -> dict[str, Any]:
-    """Return the fields of a record that say whether values of the robot file are true, and which file."""
+def _add_origin(record: Fit_co, robot: Robot, recordings: Recordings) -> Fit_co:
+    """Return the record with what the robot file says of it: which file, true values, joints overloaded."""
     simulated = all(entry.simulated == robot.values_signature for entry in recordings)
     name = name_for_commands(robot)
-    return {"simulated": simulated, "file": "" if name == robot.name else name}
+    beyond = {joint: list(pair) for joint, pair in log_files.find_overloads(recordings, robot).items()}
+    settings = {**record.settings, "beyond_limit": beyond} if beyond else record.settings
+    return replace(record, simulated=simulated, file="" if name == robot.name else name, settings=settings)
 
 
 def _compare_with_file(
@@ -226,7 +228,7 @@ def prepare_elastic_methods(
         context.progress(f"identifying {robot.name} from {ready.counted} by the method {name!r}")
         found = by_method(method)
         estimate = replace(found, notices=(*found.notices, *elastics.warn_of_rotors(found.parameters)))
-        estimate = replace(estimate, **_describe_origin(robot, recordings))
+        estimate = _add_origin(estimate, robot, recordings)
         if not estimate.simulated:
             springs = tuple(replace(spring, truth=None) for spring in estimate.springs)
             estimate = replace(estimate, springs=springs)
@@ -356,6 +358,6 @@ def identify_robot_friction(
     text = f"elastic robot {robot.name!r}: friction was fitted on the motor side with a rigid model, so it "
     text += "includes the losses of springs; identify the whole robot to separate them"
     springs = () if described is robot else (Notice(code="friction.elastic", text=text),)
-    found = replace(found, **_describe_origin(robot, recordings))
+    found = _add_origin(found, robot, recordings)
     notices = (*_list_log_notices(robot, recordings), *springs, *library.notices, *found.notices, *unused)
     return Identification(estimate=found, notices=notices, backend=library.backend)

@@ -14,8 +14,10 @@ if TYPE_CHECKING:
         split_blocks as split_blocks,
     )
     from symid.logs.checks import (
+        OVERLOAD as OVERLOAD,
         JointSummary as JointSummary,
         check_recording as check_recording,
+        find_overloads as find_overloads,
         get_second_encoder_side as get_second_encoder_side,
         summarise_joints as summarise_joints,
     )

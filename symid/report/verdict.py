@@ -194,10 +194,6 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
         for entry in evidence.tests
         if entry.what == "gravity" and entry.verdict == _DIFFERENT
     ]
-    off = [f"{entry.joint} {entry.part}" for entry in evidence.tests if entry.what == "scale"]
-    if off:
-        text = f"the torques differ in scale from the robot file's values: {', '.join(off)}"
-        caps.append(("doubtful", f"{text}; check unit, gear and torque constant, or these values"))
     if evidence.impossible:
         bounded = min(_rate(evidence.bounded), "usable", key=LEVELS.index)
         text = f"{'; '.join(evidence.impossible)}; consistent bodies have {evidence.bounded:.3g} %"
@@ -211,6 +207,22 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
             ("usable", f"the motion repeats every {evidence.period:.3g} s: the fit was tested on no other")
         )
     return level, headline, caps
+
+
+def _list_scale_caps(record: AnyEstimate) -> Caps:
+    """Return the limits by torques of another size than the robot file's values or limits allow."""
+    caps: Caps = []
+    evidence = record.evidence if isinstance(record, Estimate) else None
+    tests = () if evidence is None else evidence.tests
+    off = [f"{entry.joint} {entry.part}" for entry in tests if entry.what == "scale"]
+    if off:
+        text = f"the torques differ in scale from the robot file's values: {', '.join(off)}"
+        caps.append(("doubtful", f"{text}; check unit, gear and torque constant, or these values"))
+    over = [f"{name} {torque / most:.2g} times" for name, (torque, most) in record.beyond_limit.items()]
+    if over:
+        text = f"the torques are far beyond the limits of the joints: {', '.join(over)}"
+        caps.append(("doubtful", f"{text}; check unit, factor and gear, or these limits"))
+    return caps
 
 
 _WHAT = {
@@ -303,7 +315,7 @@ def judge_identification(estimate: Estimate, validations: Sequence[Validation]) 
     mounting: Any = estimate.settings.get("mounting", {})
     if turn := mounting.get("turn", ""):
         headline = f"{headline} {turn[0].upper()}{turn[1:]}."
-    caps += _list_validation_caps(held_out)
+    caps += [*_list_scale_caps(estimate), *_list_validation_caps(held_out)]
     details += words
     verdict = _limit(level, headline, details, caps)
     causes = () if evidence is None else evidence.causes
@@ -461,7 +473,7 @@ def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
     if errors and estimate.simulated:
         error, name = max(errors)
         details.append(f"The largest error against a true value is {error:.2g} % ({name}).")
-    return _limit(level, headline, details, caps + more)
+    return _limit(level, headline, details, caps + more + _list_scale_caps(estimate))
 
 
 def _judge_stretches(estimate: ElasticEstimate, evidence: ElasticEvidence) -> tuple[str, str, Caps]:
@@ -555,6 +567,7 @@ def judge_trial(found: AnyValidation, estimate: AnyEstimate | None = None) -> Fi
     caps = _find_lost(found.residual, "the log")
     if own:
         caps.append(("usable", "the log is one of the fit, so this is no test"))
+    caps += [] if estimate is None else _list_scale_caps(estimate)
     return _limit(level, headline, details, caps)
 
 
@@ -596,7 +609,7 @@ def judge_friction(found: FrictionIdentification, validations: Sequence[Validati
     if worst > POLICY.good:
         where = " in the logs of the fit" if held_out else ""
         caps.append((_rate(worst), f"the residual is {worst:.3g} % of a torque{where}"))
-    caps += _list_validation_caps(held_out)
+    caps += [*_list_scale_caps(found), *_list_validation_caps(held_out)]
     below = [
         entry.joint
         for entry in found.joints

@@ -379,6 +379,12 @@ class FitRecord:
     simulated: bool = field(default=False, metadata=HIDDEN)
     file: str = field(default="", metadata=HIDDEN)
 
+    @property
+    def beyond_limit(self) -> dict[str, tuple[float, float]]:
+        """Return torque and limit, N m or N, of joints whose torques in the logs were far beyond, by name."""
+        stored: Any = self.settings.get("beyond_limit", {})
+        return {joint: (torque, most) for joint, (torque, most) in stored.items()}
+
     @abstractmethod
     def list_mistakes(self) -> list[str]:
         """Return what is wrong with a record from a file: entries that do not fit each other."""

@@ -11,6 +11,8 @@ rates of the tests are measured by `benchmarks/judge.py`.
 from dataclasses import dataclass, field
 from typing import TypeVar
 
+from symid.logs import OVERLOAD
+
 Number = TypeVar("Number", int, float)
 """A count, or a number."""
 
@@ -135,6 +137,13 @@ class Policy:
         "times by which torques may differ from those of the robot file's values, either way",
         "masses of a drawing are not wrong by this factor; gears, torque constants and units are",
         "halved: drawings without covers and cables are warned of; doubled: a wrong small gear passes",
+    )
+    overload: float = _number(
+        OVERLOAD,
+        "times a joint's stated limit that its torque may reach, but for one sample in a hundred",
+        "servos exceed stated limits by 10 to 30 % for moments; currents and gears are off by more",
+        "1: peaks that drives allow accuse a right unit; doubled: a torque constant that is twice too large "
+        "passes",
     )
     drawing: float = _number(
         0.15,
