@@ -95,7 +95,7 @@ SEVERE = (
 )
 """Codes of warnings, the most important first: what makes values wrong stands before what blurs them."""
 MILD = (
-    *("elastic.not-identifiable", "log.not-excited", "identify.poorly-identifiable"),
+    *("elastic.not-identifiable", "log.not-excited", "log.faint-parameters", "identify.poorly-identifiable"),
     *("elastic.poorly-identifiable", "log.standstill", "identify.refused", "friction.refused"),
     *("friction.joint-refused", "log.no-reference", "codegen.cache-rebuilt", "codegen.cache-temporary"),
 )

@@ -26,12 +26,14 @@ from symid.identification import (
     rigid as rigids,
 )
 from symid.identification.estimators import Estimate, FitRecord, FittedLaw
+from symid.identification.judge import POLICY
 from symid.identification.mounting import refuse_mounting, search_mounting
 from symid.identification.options import IdentifyOptions, LawOptions
 from symid.identification.stored import read_rigid
 from symid.robot import Robot, describe_settings, name_for_commands
 
 Fit_co = TypeVar("Fit_co", bound=FitRecord, covariant=True)
+Record = TypeVar("Record", bound=FitRecord)
 Recordings = Sequence[log_files.Recording]
 Pairs = Sequence[tuple[str, str]]
 """Settings of a call: keys and values."""
@@ -120,7 +122,7 @@ def _identify_rigid(
         # What cannot be simulated is refused before anything is compiled.
         rigids.check_closed_loop(robot, recordings)
     context.progress(f"identifying {robot.name} from {len(recordings)} log{'s'[: len(recordings) > 1]}")
-    rule = regression.RankRule(least=0.0 if options.partial else regression.WHOLE_MODEL)
+    rule = regression.RankRule(least=0.0 if options.partial else POLICY.whole)
     shared: Any = {"rule": rule, "weights": log_files.get_run_weights(recordings)}
     common = {**shared, "rows": rows, "estimator": estimator, "window": options.window, "overlap": overlap}
     told: Any = {"progress": context.progress}
@@ -169,7 +171,7 @@ def _identify_rigid(
     return Identification(estimate=estimate, notices=notices, backend=library.backend)
 
 
-def _add_origin(record: Fit_co, robot: Robot, recordings: Recordings) -> Fit_co:
+def _add_origin(record: Record, robot: Robot, recordings: Recordings) -> Record:
     """Return the record with what the robot file says of it: which file, true values, joints overloaded."""
     simulated = all(entry.simulated == robot.values_signature for entry in recordings)
     name = name_for_commands(robot)

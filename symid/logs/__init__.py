@@ -14,7 +14,6 @@ if TYPE_CHECKING:
         split_blocks as split_blocks,
     )
     from symid.logs.checks import (
-        OVERLOAD as OVERLOAD,
         JointSummary as JointSummary,
         check_recording as check_recording,
         find_overloads as find_overloads,

@@ -30,7 +30,7 @@ _LEAST_WAY = 1e-2
 _UNLIKE = 0.9
 _RATIO = 0.1
 OVERLOAD, _MOMENT = 1.5, 0.01
-"""Times its stated limit from which on a torque is beyond it, but for this part of the samples."""
+"""Times its limit from which on a torque is far beyond it, as the judge has it; part of samples left out."""
 
 
 def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:

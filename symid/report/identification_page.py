@@ -220,10 +220,13 @@ def _show_choice(estimate: Estimate) -> Iterator[Block]:
             forms = (".3g", ".3g", ".2g", ".2g")
             sizes = map(format, (entry.held_out, entry.fall, entry.p, entry.consistent), forms)
             rows.append((*bands, entry.states, *sizes, "taken" if entry is choice.chosen else ""))
-        title = f"The best of {len(first)} settings that were compared, with the one taken: of those that "
+        title = (
+            f"The best of {len(first)} settings that were compared by the torque held out in the band and "
+        )
+        title += "in a narrower one, with the one taken: of those that "
         title += "predict as well as the best (squared residual over that of the best; p-value) and agree "
         title += "with the lowest instruments (p-value) the one of the widest band."
-        header = ("band to/Hz", "instruments/Hz", "states", "held out/%", "squares", "p", "agrees, p")
+        header = ("band to/Hz", "instruments/Hz", "states", "both bands/%", "squares", "p", "agrees, p")
         yield Table((*header, "choice"), rows, (2, 7), title)
 
 
@@ -248,7 +251,7 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
         caption = f"The closest pair, {first} and {second}: {level:.0%} confidence ellipse."
         line = figures.Line("ellipse", "first", outline[:, 0], outline[:, 1])
         yield figures.build_curve_figure(caption, (first, second), (line,))
-    yield from ("== Significant parameters ==", describe_essential(diagnosis))
+    yield from ("== Essential parameters ==", describe_essential(diagnosis))
     if essential.dropped:
         header = ("name", "value / std", "residual grows by/%")
         gone = [(e.name, f"{e.ratio:.2g}", f"{e.price_percent:.2g}") for e in essential.dropped]
@@ -263,7 +266,7 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
         if name in stated:
             both = (blocks.format_pair(stated[name].value, std) for std in (stated[name].std, deviation))
             interval = blocks.format_in_digits((low, high), deviation, " to ") if deviation > 0.0 else ""
-            scatter.append((name, *both, interval, "not significant" if name in dropped else ""))
+            scatter.append((name, *both, interval, "not essential" if name in dropped else ""))
     titles = ("name", "value ± stated std", "value ± bootstrap std", "95 % interval", "remark")
     yield Table(titles, scatter, (0, 4), title="Values in SI units.")
     drift = diagnosis.drift

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
         find_phases as find_phases,
         list_parameters as list_parameters,
         list_shares as list_shares,
+        split_uncertain as split_uncertain,
     )
     from symid.identification.estimators.instrumental import (
         InstrumentalSolution as InstrumentalSolution,
