@@ -29,7 +29,10 @@ if TYPE_CHECKING:
         needs_search as needs_search,
         read_joint_laws as read_joint_laws,
     )
-    from symid.identification.identified import build_identified as build_identified
+    from symid.identification.identified import (
+        build_bodies as build_bodies,
+        build_identified as build_identified,
+    )
     from symid.identification.identify import (
         Identification as Identification,
         TaskContext as TaskContext,

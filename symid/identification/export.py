@@ -141,14 +141,10 @@ def write_identified(found: Identified, source: Path, path: Path, options: Expor
         text += "again; where the values of the file are wrong, allow it by --ratio FACTOR (ratio=...)"
         raise EstimateError(Notice(code="export.scale", text=text, file=str(source)))
     # In a format without rotors for simulators, links have the inertia of their rotors, if they can.
-    rotorless, costs = _choose_kind(found.robot, path) == "URDF", tuple[JointCost, ...]()
-    built = identified.build_robot(found, grouped=not rotorless)
-    if built.standard.reason:
-        costs = identified.measure_costs(built.standard, found, library, limit)
-        if rotorless and (not costs or any(entry.percent > entry.limit for entry in costs)):
-            built = identified.build_robot(found)
-            exact = not built.standard.reason
-            costs = () if exact else identified.measure_costs(built.standard, found, library, limit)
+    rotorless = _choose_kind(found.robot, path) == "URDF"
+    built, costs = identified.build_bodies(found, library, limit, grouped=not rotorless)
+    if rotorless and built.standard.reason and (not costs or any(one.percent > one.limit for one in costs)):
+        built, costs = identified.build_bodies(found, library, limit)
     over = ", ".join(
         f"{entry.percent:.2g} % of the torque of {entry.joint!r} (limit {entry.limit:.2g} %)"
         for entry in costs

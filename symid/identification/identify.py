@@ -187,7 +187,7 @@ def _compare_with_file(
     refused, motion = dict(estimate.refused), estimate.motion if isinstance(estimate, Estimate) else ()
     fit = estimate.parameters, estimate.covariance, motion
     scales = rigids.compare_fit_scales(library, robot, *fit, refused)
-    return rigids.describe_scales(scales, robot.path, "identify.scale")
+    return rigids.describe_scales(scales, robot, "identify.scale")
 
 
 def prepare_elastic_methods(

@@ -216,7 +216,8 @@ def check_channels(log: StudiedLog, library: Library, robot: Robot) -> LogCheck:
         notices += (Notice(code="log.torque-size", text=text, file=file),)
     # Also beside others: a URDF without friction, whose efforts are currents.
     if not {"log.torque-size", "log.wrong-unit"} & {notice.code for notice in notices}:
-        notices += describe_scales(compare_fit(library, log.study, *log.fit, robot), file, "log.effort-size")
+        scales = compare_fit(library, log.study, *log.fit, robot)
+        notices += describe_scales(scales, robot, "log.effort-size", file)
     delay: TorqueDelay | None = None
     if not notices:
         delay = estimate_torque_delay(log)
