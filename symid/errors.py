@@ -27,10 +27,18 @@ NOTES = frozenset(
         *("identify.friction-state", "identify.second-encoder", "identify.slow-rows"),
         *("identify.measured-load", "identify.plain-friction", "identify.bad-rows"),
         *("identify.unused-processing", "lesson.not-executed"),
-        *("log.aligned", "log.converted", "log.cut", "log.delay-refuted", "log.folded", "log.in-line"),
+        *(
+            "log.joint-endings",
+            "log.aligned",
+            "log.converted",
+            "log.cut",
+            "log.delay-refuted",
+            "log.folded",
+            "log.in-line",
+        ),
         *("log.episodes", "log.layout", "log.missing", "log.sample-rate", "log.time-unit"),
         *("log.motor-position", "log.no-motor", "log.offset", "log.payload", "log.resampled"),
-        *("log.topic-read", "log.transposed", "log.unused-columns", "log.wraps"),
+        *("log.topic-read", "log.torque-peaks", "log.transposed", "log.unused-columns", "log.wraps"),
         *("log.incomplete-messages", "identify.mounting", "robot.free-gravity"),
         *("new.assumed-order", "new.assumed-side", "new.gravity"),
         *("new.friction-kept", "new.preset", "new.unused-columns", "payload.controller-scope"),
@@ -95,7 +103,7 @@ SEVERE = (
 )
 """Codes of warnings, the most important first: what makes values wrong stands before what blurs them."""
 MILD = (
-    *("elastic.not-identifiable", "log.not-excited", "identify.poorly-identifiable"),
+    *("elastic.not-identifiable", "log.not-excited", "log.faint-parameters", "identify.poorly-identifiable"),
     *("elastic.poorly-identifiable", "log.standstill", "identify.refused", "friction.refused"),
     *("friction.joint-refused", "log.no-reference", "codegen.cache-rebuilt", "codegen.cache-temporary"),
 )

@@ -447,14 +447,14 @@ class ExportOptions(Options):
     limit: float | None = _output(
         None,
         "Percent of each joint's torque that the bodies may differ from ESTIMATE by, where none have its "
-        "values; default: 0.5, or 0.45 times the held-out residual.",
+        "values; default: 2, or 0.14 times the held-out residual where that is more.",
         Kind(name="percent", least=0.0),
         "PERCENT",
     )
     ratio: float | None = _output(
         None,
-        "Times that the identified torque of a joint may be larger or smaller than that of the robot file's "
-        "values.  [default: 3]",
+        "Times that the torque of a joint may be larger or smaller than by the robot file's values, or "
+        "larger than its limit.  [default: 3, and 1.5 for the limit]",
         number(1.0),
         "FACTOR",
     )

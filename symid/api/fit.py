@@ -286,10 +286,10 @@ class Fit(JudgedResult, DrawnResult, SavedResult):
             precision: of the numbers in a C header: that of the generated library.
             name: how names in a C header begin, such as "tool_a"; by default that of the generated library.
             accept: write the file although the verdict on the fit is wrong.
-            limit: percent of each joint's torque that the bodies may differ from the fit by; by default 0.5,
-                or 0.45 times what the fit leaves of held-out torque where that is more.
-            ratio: times that the torque of a joint may be larger or smaller than that of the robot file's
-                values; by default 3.
+            limit: percent of each joint's torque that the bodies may differ from the fit by; by default 2,
+                or 0.14 times what the fit leaves of held-out torque where that is more.
+            ratio: times that the torque of a joint may be larger or smaller than by the robot file's values,
+                or larger than its limit; by default 3, and 1.5 for the limit.
 
         Raises:
             UsageError: the format is unknown, or cannot hold this fit; there is no URDF or MJCF.

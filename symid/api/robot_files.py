@@ -261,6 +261,7 @@ def export_fit(
         text = f"the verdict on this fit is wrong: {verdict.headline} {verdict.remedy} Then identify again, "
         text += "or write the file all the same with --accept (accept=True)"
         raise EstimateError(Notice(code="export.wrong", text=text, file=str(source)))
+    identification.refuse_overloads(result, robot, source, options.ratio)
     if isinstance(result, friction_fits.FrictionIdentification):
         progress(f"comparing {robot.name} with the model whose friction was identified")
         written = identification.write_friction(robot, result, source, output)

@@ -130,7 +130,7 @@ def check_command(
 
     All mistakes are listed at once, with file, line and column: exit code 3. Warnings concern time stamps,
     units, signs, exchanged joints, delays and insufficient excitation. Exit code 4 if less than three
-    quarters of the parameters are identifiable.
+    quarters of the parameters are identifiable, or more than three quarters would be uncertain.
     """
     model = robot.load(console, settings=settings, friction=friction)
     cli.check_output(resample, page, force=force, inputs=(model.path, *logs))

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
         FileExport as FileExport,
         check_format as check_format,
         locate_source as locate_source,
+        refuse_overloads as refuse_overloads,
         write_friction as write_friction,
         write_identified as write_identified,
         write_stated as write_stated,
@@ -28,7 +29,10 @@ if TYPE_CHECKING:
         needs_search as needs_search,
         read_joint_laws as read_joint_laws,
     )
-    from symid.identification.identified import build_identified as build_identified
+    from symid.identification.identified import (
+        build_bodies as build_bodies,
+        build_identified as build_identified,
+    )
     from symid.identification.identify import (
         Identification as Identification,
         TaskContext as TaskContext,

@@ -22,7 +22,7 @@ from symid.environment import write_file
 from symid.errors import EstimateError, Notice, RobotError, UsageError
 from symid.identification import friction as frictions, identified
 from symid.identification.elastic import build_rigid_variant
-from symid.identification.estimators import check_model
+from symid.identification.estimators import FitRecord, check_model
 from symid.identification.identified import Identified, JointCost
 from symid.identification.judge import POLICY
 from symid.identification.rigid import JointScale, compare_fit_scales
@@ -149,14 +149,10 @@ def write_identified(found: Identified, source: Path, path: Path, options: Expor
         text += "again; where the values of the file are wrong, allow it by --ratio FACTOR (ratio=...)"
         raise EstimateError(Notice(code="export.scale", text=text, file=str(source)))
     # In a format without rotors for simulators, links have the inertia of their rotors, if they can.
-    rotorless, costs = _choose_kind(found.robot, path) == "URDF", tuple[JointCost, ...]()
-    built = identified.build_robot(found, grouped=not rotorless)
-    if built.standard.reason:
-        costs = identified.measure_costs(built.standard, found, library, limit)
-        if rotorless and (not costs or any(entry.percent > entry.limit for entry in costs)):
-            built = identified.build_robot(found)
-            exact = not built.standard.reason
-            costs = () if exact else identified.measure_costs(built.standard, found, library, limit)
+    rotorless = _choose_kind(found.robot, path) == "URDF"
+    built, costs = identified.build_bodies(found, library, limit, grouped=not rotorless)
+    if rotorless and built.standard.reason and (not costs or any(one.percent > one.limit for one in costs)):
+        built, costs = identified.build_bodies(found, library, limit)
     over = ", ".join(
         f"{entry.percent:.2g} % of the torque of {entry.joint!r} (limit {entry.limit:.2g} %)"
         for entry in costs
@@ -174,6 +170,25 @@ def write_identified(found: Identified, source: Path, path: Path, options: Expor
     named = replace(found, robot=robot, sources=sources)
     stored = _write_file(named, path, outcome, options, notices, source)
     return replace(stored, missing=found.missing, standard=built.standard, costs=costs, scales=scales)
+
+
+def refuse_overloads(
+    record: FitRecord, robot: robots.Robot, source: Path, ratio: float | None = None
+) -> None:
+    """Raise EstimateError where the torques of a fit's logs are beyond `ratio` times the joints' limits."""
+    most = POLICY.overload if ratio is None else ratio
+    limits = {joint.name: joint.limits.torque for joint in robot.axes}
+    known = [(name, torque, limits.get(name)) for name, (torque, _) in record.beyond_limit.items()]
+    over = [
+        f"{name} {torque:.4g}, limit {limit:.4g}"
+        for name, torque, limit in known
+        if limit is not None and torque > most * limit
+    ]
+    if over:
+        text = f"the torques of its logs are far beyond the limits of the joints ({'; '.join(over)}): check "
+        text += "unit and side in [log.torque], gears and torque constants, and identify again; where the "
+        text += "limits of the file are wrong, correct them, or allow it by --ratio FACTOR (ratio=...)"
+        raise EstimateError(Notice(code="export.limit", text=text, file=str(source)))
 
 
 def locate_source(robot: robots.Robot) -> Path:

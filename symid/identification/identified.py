@@ -178,6 +178,17 @@ def build_robot(found: Identified, *, grouped: bool = True) -> dynamics.Identifi
     )
 
 
+def build_bodies(
+    found: Identified, library: Library, limit: float | None = None, *, grouped: bool = True
+) -> tuple[dynamics.IdentifiedRobot, tuple[JointCost, ...]]:
+    """Return the robot in bodies that exist, and what they cost where none have the identified values.
+
+    See `build_robot` and `measure_costs`.
+    """
+    built = build_robot(found, grouped=grouped)
+    return built, measure_costs(built.standard, found, library, limit) if built.standard.reason else ()
+
+
 def measure_costs(
     standard: dynamics.StandardSet, found: Identified, library: Library, limit: float | None = None
 ) -> tuple[JointCost, ...]:

@@ -26,6 +26,7 @@ from symid.identification import (
     rigid as rigids,
 )
 from symid.identification.estimators import Estimate, FitRecord, FittedLaw, check_bodies
+from symid.identification.judge import POLICY
 from symid.identification.mounting import refuse_mounting, search_mounting
 from symid.identification.options import IdentifyOptions, LawOptions
 from symid.identification.stored import read_rigid
@@ -33,6 +34,7 @@ from symid.robot import Robot, describe_settings, name_for_commands
 from symid.serialization import write_plain
 
 Fit_co = TypeVar("Fit_co", bound=FitRecord, covariant=True)
+Record = TypeVar("Record", bound=FitRecord)
 Recordings = Sequence[log_files.Recording]
 Pairs = Sequence[tuple[str, str]]
 """Settings of a call: keys and values."""
@@ -121,7 +123,7 @@ def _identify_rigid(
         # What cannot be simulated is refused before anything is compiled.
         rigids.check_closed_loop(robot, recordings)
     context.progress(f"identifying {robot.name} from {len(recordings)} log{'s'[: len(recordings) > 1]}")
-    rule = regression.RankRule(least=0.0 if options.partial else regression.WHOLE_MODEL)
+    rule = regression.RankRule(least=0.0 if options.partial else POLICY.whole)
     shared: Any = {"rule": rule, "weights": log_files.get_run_weights(recordings)}
     common = {**shared, "rows": rows, "estimator": estimator, "window": options.window, "overlap": overlap}
     told: Any = {"progress": context.progress}
@@ -158,7 +160,7 @@ def _identify_rigid(
         # Loads that friction reads, and that were not measured, follow from the estimate.
         estimate = friction_search.identify_loaded(library, recordings, rigid.processing, fit)
     motion = regression.outline_motion(library, recordings, rigid.processing)
-    estimate = replace(estimate, motion=motion, **_describe_origin(estimate, robot, recordings))
+    estimate = _add_origin(replace(estimate, motion=motion), robot, recordings)
     if motor_side:
         estimate = elastics.refuse_elasticity(estimate, robot, both=both)
         notes = (note for entry in recordings for note in entry.notices)
@@ -171,14 +173,14 @@ def _identify_rigid(
     return Identification(estimate=estimate, notices=notices, backend=library.backend)
 
 
-def _describe_origin(record: FitRecord, robot: Robot, recordings: Recordings) -> dict[str, Any]:
-    """Return the fields of a record that say which robot file, what it fixes, whether its values are true."""
+def _add_origin(record: Record, robot: Robot, recordings: Recordings) -> Record:
+    """Return the record with what the robot file says of it: its name, true values, fixed bodies, overloads."""
     simulated = all(entry.simulated == robot.values_signature for entry in recordings)
     name = name_for_commands(robot)
-    settings = dict(record.settings)
-    if robot.fixed:
-        settings["fixed"] = [write_plain(body) for body in robot.fixed]
-    return {"simulated": simulated, "file": "" if name == robot.name else name, "settings": settings}
+    beyond = {joint: list(pair) for joint, pair in log_files.find_overloads(recordings, robot).items()}
+    told = {"fixed": [write_plain(body) for body in robot.fixed], "beyond_limit": beyond}
+    settings = {**record.settings, **{key: value for key, value in told.items() if value}}
+    return replace(record, simulated=simulated, file="" if name == robot.name else name, settings=settings)
 
 
 def _compare_with_file(
@@ -188,7 +190,7 @@ def _compare_with_file(
     refused, motion = dict(estimate.refused), estimate.motion if isinstance(estimate, Estimate) else ()
     fit = estimate.parameters, estimate.covariance, motion
     scales = rigids.compare_fit_scales(library, robot, *fit, refused)
-    return rigids.describe_scales(scales, robot.path, "identify.scale")
+    return rigids.describe_scales(scales, robot, "identify.scale")
 
 
 def prepare_elastic_methods(
@@ -231,7 +233,7 @@ def prepare_elastic_methods(
         context.progress(f"identifying {robot.name} from {ready.counted} by the method {name!r}")
         found = by_method(method)
         estimate = replace(found, notices=(*found.notices, *elastics.warn_of_rotors(found.parameters)))
-        estimate = replace(estimate, **_describe_origin(estimate, robot, recordings))
+        estimate = _add_origin(estimate, robot, recordings)
         if not estimate.simulated:
             springs = tuple(replace(spring, truth=None) for spring in estimate.springs)
             estimate = replace(estimate, springs=springs)
@@ -361,6 +363,6 @@ def identify_robot_friction(
     text = f"elastic robot {robot.name!r}: friction was fitted on the motor side with a rigid model, so it "
     text += "includes the losses of springs; identify the whole robot to separate them"
     springs = () if described is robot else (Notice(code="friction.elastic", text=text),)
-    found = replace(found, **_describe_origin(found, robot, recordings))
+    found = _add_origin(found, robot, recordings)
     notices = (*_list_log_notices(robot, recordings), *springs, *library.notices, *found.notices, *unused)
     return Identification(estimate=found, notices=notices, backend=library.backend)

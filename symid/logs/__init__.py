@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from symid.logs.checks import (
         JointSummary as JointSummary,
         check_recording as check_recording,
+        find_overloads as find_overloads,
         get_second_encoder_side as get_second_encoder_side,
         summarise_joints as summarise_joints,
     )

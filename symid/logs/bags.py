@@ -292,14 +292,25 @@ def pick_topic(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, d
                     what = [f"is a command by its name, log.topic={topic} reads it"]
                 parts.append(f"{topic} {' and '.join(what)} (it has {join_names(channels)})")
             text = f"no topic has position and effort of every joint of {robot.name}: {'; '.join(parts)}"
-            findings.refuse("log.topic", f"{text}; cut joints without messages off a URDF by --tip LINK")
+            hint = "cut joints without messages off a URDF by --tip LINK"
+            if not any(name in channels for channels in topics.values() for name in own_names):
+                hint = "where joints have other names, state the columns of each, in their order: --set "
+                hint += (
+                    f"log.position.columns={next(iter(topics))}/NAME/position,..., and of velocity and torque"
+                )
+            findings.refuse("log.topic", f"{text}; {hint}")
         return raw, {}
     (topic,) = chosen
     names = named[topic]
     if names != own_names:
         pairs = ", ".join(f"{mine!r} is {own!r}" for mine, own in zip(names, own_names, strict=True))
         text = f"joints of topic {topic} have other names than those of the robot: {pairs}"
-        findings.remark("log.joint-names", f"{text}; check that it is this robot, whose order was taken")
+        both = zip(names, own_names, strict=True)
+        if all(mine.startswith(own) or own.startswith(mine) for mine, own in both):
+            # One more word at the end of all names leaves no choice.
+            findings.remark("log.joint-endings", text)
+        else:
+            findings.remark("log.joint-names", f"{text}; check that it is this robot, whose order was taken")
     fields = {"position": "position", "velocity": "velocity", "torque": "effort"}
     columns = {key: tuple(f"{topic}/{name}/{part}" for name in names) for key, part in fields.items()}
     if any(name not in raw.columns for name in columns["velocity"]):
@@ -311,13 +322,23 @@ def pick_topic(raw: RawLog, robot: Robot, findings: Findings) -> tuple[RawLog, d
 
 
 def match_joints(present: Sequence[str], wanted: Sequence[str]) -> tuple[str, ...]:
-    """Return the names in `present` of joints: the same, or all with another beginning; none if ambiguous.
+    """Return the names in `present` of joints: the same, or all with another beginning or one ending more.
 
     Beginnings are whole words, endings more than a number or a letter; left and right are never exchanged.
+    None if ambiguous.
     """
     if set(wanted) <= set(present):
         return tuple(wanted)
     found = set()
+    # All have an ending more or less, as shoulder_pan_joint and shoulder_pan.
+    for name in present:
+        for long, short in ((name, wanted[0]), (wanted[0], name)):
+            more = long.removeprefix(short)
+            if more not in {"", long} and more.strip("_-. ").isalpha() and _has_whole_ending(long, more):
+                own = (entry + more if long == name else entry.removesuffix(more) for entry in wanted)
+                candidate = tuple(own)
+                if len({*candidate} & {*present}) == len(wanted) and not {*candidate} & {*wanted}:
+                    found.add(candidate)
     # The beginning that all joints share may be another, as of fer_joint1 and panda_joint1.
     for start in sorted(set.intersection(*map(_list_starts, wanted))):
         beginning, endings = wanted[0][:start], [name[start:] for name in wanted]
@@ -334,6 +355,10 @@ def match_joints(present: Sequence[str], wanted: Sequence[str]) -> tuple[str, ..
             if name in candidate and set(candidate) <= set(present) and whole and alike:
                 found.add(candidate)
     return found.pop() if len(found) == 1 else ()
+
+
+def _has_whole_ending(name: str, ending: str) -> bool:
+    return len(name) - len(ending.lstrip("_-. ")) in _list_starts(name)
 
 
 def _list_starts(name: str) -> set[int]:

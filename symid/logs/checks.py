@@ -9,7 +9,7 @@ Not supported: faults of samples (see `faults`); signs, swapped joints and delay
 `identification.diagnostics`); delays between encoders (see `alignment`); the step of interpolated positions.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,6 +29,8 @@ _LEAST_WAY = 1e-2
 """Least range in rad or m of a joint whose velocity is compared."""
 _UNLIKE = 0.9
 _RATIO = 0.1
+OVERLOAD, _MOMENT = 1.5, 0.01
+"""Times its limit from which on a torque is far beyond it, as the judge has it; part of samples left out."""
 
 
 def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
@@ -38,16 +40,30 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
     for index, (joint, summary) in enumerate(zip(robot.axes, summaries, strict=True)):
         found += _check_position(recording.position[:, index].copy(), joint)
         torque = recording.torque[:, index]
-        peak, most = summary.peak, joint.limits.torque
         if np.ptp(torque) == 0.0 and joint.actuated:
             text = f"the torque of joint {joint.name!r} is {torque[0]:.4g} throughout"
             found.append(("log.constant-torque", f"{text}: {_MOVE}, or check the column"))
-        elif most is not None and peak > most * (1.0 + 1e-6):
-            text = f"the torque of joint {joint.name!r} reaches {peak:.4g}, beyond its limit {most:.4g}"
-            found.append(("log.torque-beyond-limit", f"{text}; check unit, factor and gear"))
         if summary.low < summary.high and summary.standstill > _STANDSTILL:
             text = f"joint {joint.name!r} is at standstill for {100 * summary.standstill:.0f} % of the log"
             found.append(("log.standstill", f"{text}; {_MOVE}"))
+    beyond = find_overloads([recording], robot)
+    limits = [(entry, entry.limits.torque) for entry in robot.axes]
+    peaks = {
+        joint.name: f"{joint.name!r} {summary.peak:.4g}, limit {most:.4g}"
+        for (joint, most), summary in zip(limits, summaries, strict=True)
+        if most is not None and summary.peak > most * (1.0 + 1e-6)
+    }
+    parts = [text for name, text in peaks.items() if name in beyond]
+    if parts:
+        text = (
+            f"torques are far beyond the limits of the joints ({'; '.join(parts)}), which no drive delivers"
+        )
+        text += "; check unit, factor and gear, or the limits in the robot file"
+        found.append(("log.torque-beyond-limit", text))
+    parts = [text for name, text in peaks.items() if name not in beyond]
+    if parts:
+        text = f"peaks of torques are beyond the limits of the joints ({'; '.join(parts)}), as servos allow"
+        found.append(("log.torque-peaks", f"{text} them for a moment"))
     side = get_second_encoder_side(recording)
     second = recording.motor_position if side == "motor" else recording.link_position
     if side is not None and second is not None:
@@ -80,6 +96,22 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
                 text = f"the velocity of joint {joint.name!r} is {ratio:.4g} times the rate of its position"
                 found.append(("log.velocity-differs", f"{text}: {_explain_ratio(ratio, joint.drive.gear)}"))
     return tuple(Notice(code=code, text=text, file=recording.source) for code, text in found)
+
+
+def find_overloads(recordings: Sequence[Recording], robot: Robot) -> dict[str, tuple[float, float]]:
+    """Return torque and limit, N m or N, of joints whose torques are far beyond the limit, by name.
+
+    The torque is that which all but one sample in a hundred stay below, of all recordings together.
+    """
+    found = {}
+    for index, joint in enumerate(robot.axes):
+        most = joint.limits.torque
+        if most is not None and recordings:
+            sizes = np.abs(np.concatenate([entry.torque[:, index] for entry in recordings]))
+            torque = float(np.nanquantile(sizes, 1.0 - _MOMENT))
+            if torque > OVERLOAD * most:
+                found[joint.name] = (torque, most)
+    return found
 
 
 def get_second_encoder_side(recording: Recording) -> str | None:

@@ -13,6 +13,7 @@ Not supported: numbered columns of JointState messages whose order of joints cha
 """
 
 import re
+import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -22,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from symid.arrays import FloatArray, freeze
-from symid.errors import LogError
+from symid.errors import LogError, Notice, shorten_names
 from symid.logs import headings
 from symid.logs.bags import STORAGE_SUFFIXES, is_bag_folder, pick_topic, read_bag
 from symid.logs.columns import (
@@ -477,7 +478,10 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
 
 
 def read_raw(path: Path) -> RawLog:
-    """Return the columns of the log at `path` as they stand in it, or raise a LogError."""
+    """Return the columns of the log at `path` as they stand in it, or raise a LogError.
+
+    What a library warns of while it reads a file is a notice.
+    """
     try:
         folder, exists, plain = is_bag_folder(path), path.exists(), path.is_file()
     except OSError as error:
@@ -498,10 +502,20 @@ def read_raw(path: Path) -> RawLog:
     if not folder and not plain:
         kind = "a folder" if path.is_dir() else "a device"
         raise build_file_error(path, f"this is {kind}, not a log", "log.unreadable")
-    try:
-        return reader(path)
-    except PermissionError as error:
-        raise build_file_error(path, "the file may not be read (no permission)", "log.unreadable") from error
+    with warnings.catch_warnings(record=True) as said:
+        for kind in (UserWarning, RuntimeWarning, SyntaxWarning):
+            warnings.simplefilter("always", kind)
+        try:
+            raw = reader(path)
+        except PermissionError as error:
+            text = "the file may not be read (no permission)"
+            raise build_file_error(path, text, "log.unreadable") from error
+    words = dict.fromkeys(" ".join(str(entry.message).split()) for entry in said)
+    if not words:
+        return raw
+    text = f"the library that reads this file doubts it: {shorten_names(words, 3)}; save the file anew, and "
+    text += "compare its columns"
+    return replace(raw, notices=(*raw.notices, Notice(code="log.doubted-file", text=text, file=str(path))))
 
 
 def _check_time(time: FloatArray, processing: Processing, findings: Findings) -> None:

@@ -58,7 +58,8 @@ class Table:
 
     `title` stands right above it, `note` right below; HTML shows the row `picked` in bold. There a cell of
     two lines is a formula, or nothing, and its explanation. A terminal shows cells longer than `fold` letters
-    on several lines, never a part of them; 0 for one line.
+    on several lines, never a part of them; 0 for one line. Where not all rows have room, those with the
+    largest numbers in the column `worst` stay, None for the first ones.
     """
 
     header: Sequence[str]
@@ -68,6 +69,7 @@ class Table:
     note: str = ""
     picked: int | None = None
     fold: int = 0
+    worst: int | None = None
 
     def __str__(self) -> str:
         """Return the table as it stands in a terminal."""
@@ -151,21 +153,52 @@ def write_text(blocks: Sequence[Block]) -> str:
 def shorten_text(blocks: Sequence[Block], most: int) -> str:
     """Return the blocks as plain text of `most` lines, the longest of them cut to the same length.
 
-    What is cut says how many lines more it has.
+    What is cut says how many lines more it has; a table without room for a row says only that. Lines that are
+    left go to the first table that was cut.
     """
-    parts = [str(block).splitlines() for block in blocks if not isinstance(block, Drawing)]
+    shown = [block for block in blocks if not isinstance(block, Drawing)]
+    parts = [str(block).splitlines() for block in shown]
     room = most - len(parts) + 1
-    if sum(map(len, parts)) > room:
-        levels = range(3, most + 1)
-        fits = [level for level in levels if sum(min(len(lines), level) for lines in parts) <= room]
-        if not fits:
-            parts = [write_text(blocks).splitlines()]
-        level = fits[-1] if fits else most
-        for k, lines in enumerate(parts):
-            if len(lines) > level:
-                full = list(filter(None, lines)) if level < _LOW else lines
-                parts[k] = [*full[: level - 1], f"... {len(full) - level + 1} more lines"]
-    return "\n\n".join("\n".join(lines) for lines in parts)
+    if sum(map(len, parts)) <= room:
+        return write_text(blocks)
+    for level in range(most, 2, -1):
+        cut = [_cut_part(block, lines, level) for block, lines in zip(shown, parts, strict=True)]
+        left = room - sum(map(len, cut))
+        if left >= 0:
+            tables = (k for k, block in enumerate(shown) if isinstance(block, Table))
+            first = next((k for k in tables if cut[k] != parts[k]), None)
+            if first is not None:
+                cut[first] = _cut_part(shown[first], parts[first], len(cut[first]) + left)
+            break
+    else:
+        text = write_text(blocks)
+        cut = [_cut_part(text, text.splitlines(), most)]
+    return "\n\n".join("\n".join(lines) for lines in cut)
+
+
+def _cut_part(block: Block, lines: list[str], most: int) -> list[str]:
+    """Return `most` lines of a block, the last of which says how many more it has."""
+    if len(lines) <= most:
+        return lines
+    full = list(filter(None, lines)) if most < _LOW else lines
+    kept = full[: most - 1]
+    if isinstance(block, Table):
+        head = len(block.title.splitlines()) + 2
+        if len(kept) <= head:
+            kept = []
+        elif block.worst is not None and not block.fold:
+            sizes = [_measure(row[block.worst]) for row in block.rows]
+            ranks = sorted(range(len(sizes)), key=sizes.__getitem__, reverse=True)[: len(kept) - head]
+            kept = [*full[:head], *(full[head + k] for k in sorted(ranks))]
+    return [*kept, f"... {len(full) - len(kept)} more lines"]
+
+
+def _measure(cell: object) -> float:
+    """Return the number of a cell, of no number the least."""
+    try:
+        return float(str(cell))
+    except ValueError:
+        return -math.inf
 
 
 @cache

@@ -9,6 +9,7 @@ Supported: friction laws of the velocity alone; of others the curve at no load, 
 Not supported of friction: the scatter of single rows as a band.
 """
 
+import math
 import shlex
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -24,6 +25,8 @@ from symid.errors import Notice, UsageError
 from symid.identification import (
     FrictionValidation,
     TaskContext,
+    build_bodies,
+    build_identified,
     diagnose_fit,
     elastic,
     friction,
@@ -221,10 +224,13 @@ def _show_choice(estimate: Estimate) -> Iterator[Block]:
             forms = (".3g", ".3g", ".2g", ".2g")
             sizes = map(format, (entry.held_out, entry.fall, entry.p, entry.consistent), forms)
             rows.append((*bands, entry.states, *sizes, "taken" if entry is choice.chosen else ""))
-        title = f"The best of {len(first)} settings that were compared, with the one taken: of those that "
+        title = (
+            f"The best of {len(first)} settings that were compared by the torque held out in the band and "
+        )
+        title += "in a narrower one, with the one taken: of those that "
         title += "predict as well as the best (squared residual over that of the best; p-value) and agree "
         title += "with the lowest instruments (p-value) the one of the widest band."
-        header = ("band to/Hz", "instruments/Hz", "states", "held out/%", "squares", "p", "agrees, p")
+        header = ("band to/Hz", "instruments/Hz", "states", "both bands/%", "squares", "p", "agrees, p")
         yield Table((*header, "choice"), rows, (2, 7), title)
 
 
@@ -249,7 +255,7 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
         caption = f"The closest pair, {first} and {second}: {level:.0%} confidence ellipse."
         line = figures.Line("ellipse", "first", outline[:, 0], outline[:, 1])
         yield figures.build_curve_figure(caption, (first, second), (line,))
-    yield from ("== Significant parameters ==", describe_essential(diagnosis))
+    yield from ("== Essential parameters ==", describe_essential(diagnosis))
     if essential.dropped:
         header = ("name", "value / std", "residual grows by/%")
         gone = [(e.name, f"{e.ratio:.2g}", f"{e.price_percent:.2g}") for e in essential.dropped]
@@ -264,7 +270,7 @@ def _show_diagnosis(estimate: Estimate, diagnosis: Diagnosis) -> Iterator[Block]
         if name in stated:
             both = (blocks.format_pair(stated[name].value, std) for std in (stated[name].std, deviation))
             interval = blocks.format_in_digits((low, high), deviation, " to ") if deviation > 0.0 else ""
-            scatter.append((name, *both, interval, "not significant" if name in dropped else ""))
+            scatter.append((name, *both, interval, "not essential" if name in dropped else ""))
     titles = ("name", "value ± stated std", "value ± bootstrap std", "95 % interval", "remark")
     yield Table(titles, scatter, (0, 4), title="Values in SI units.")
     drift = diagnosis.drift
@@ -561,6 +567,28 @@ class WrittenPage:
     notices: tuple[Notice, ...] = ()
 
 
+def _suggest_step(
+    estimate: AnyEstimate, level: str, stored: str, known: tuple[Robot, TaskContext] | None, *, tested: bool
+) -> tuple[str, str]:
+    """Return the command that an expert would type after a verdict, one that works, and what for."""
+    name = estimate.file or (estimate.robot if estimate.robot in list_robots() else "ROBOT")
+    name = name if known is None else name_for_commands(known[0])
+    words = ["export", name, stored, "-o", f"{estimate.robot}_identified.toml"]
+    why = "Write a robot file with these values"
+    if level in {"wrong", "doubtful"}:
+        words, why = ["check", name, *estimate.sources], "Look for the cause"
+    elif not tested:
+        words, why = ["validate", name, stored, "LOG"], "Test it on a log of another motion"
+    elif isinstance(estimate, Estimate) and known is not None:
+        identified = build_identified(known[0], estimate, Path(stored))
+        _, costs = build_bodies(identified, known[1].prepare(identified.robot))
+        if over := [entry.percent for entry in costs if entry.percent > entry.limit]:
+            words += ["--limit", f"{0.1 * math.ceil(10.0 * max(over)):.3g}"]
+            why += f", in the nearest bodies: they change the torque of a joint by up to {max(over):.2g} %; "
+            why += "identify by --estimator consistent for values that bodies have"
+    return shlex.join(["symid", *words]), why
+
+
 def write_fit_page(
     path: Path,
     estimate: AnyEstimate,
@@ -653,20 +681,13 @@ def write_fit_page(
         case friction.FrictionIdentification():
             page = build_friction_page(estimate, validations, **told)
     tests: tuple[Validation | elastic.ElasticTrial, ...] = (*validations, *trials)
-    name = estimate.file or (estimate.robot if estimate.robot in list_robots() else "ROBOT")
-    name = name if known is None else name_for_commands(known[0])
-    # The command that an expert would type after this verdict, and what for.
-    stored, target = file or "ESTIMATE", f"{estimate.robot}_identified.toml"
-    words, why = ["export", name, stored, "-o", target], "Write a robot file with these values"
-    if page.verdict.level in {"wrong", "doubtful"}:
-        words, why = ["check", name, *estimate.sources], "Look for the cause"
-    elif all(entry.fitted for entry in tests):
-        words, why = ["validate", name, stored, "LOG"], "Test it on a log of another motion"
+    own = all(entry.fitted for entry in tests)
+    step = _suggest_step(estimate, page.verdict.level, file or "ESTIMATE", known, tested=not own)
     # In the middle of the logs, where no joint hides another as it may at zero.
     evidence = estimate.evidence if isinstance(estimate, Estimate) else None
     middle = {} if evidence is None else {e.joint: 0.5 * (e.low + e.high) for e in evidence.covered}
     drawn = None if known is None else draw_robot(known[0], middle)
-    page = replace(page, next_step=(shlex.join(["symid", *words]), why), second=drawn, **(heading or {}))
+    page = replace(page, next_step=step, second=drawn, **(heading or {}))
     is_rigid = isinstance(estimate, Estimate)
     settled = [(entry.source, entry.processing) for entry in validations if is_rigid and entry.processing]
     processing = tuple({**asdict(entry.processing), "origin": dict(entry.origin)} for _, entry in settled)

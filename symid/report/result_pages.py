@@ -110,7 +110,7 @@ def judge_check(checked: "LogsCheck") -> FitVerdict:
     """Return what logs are worth for an identification."""
     severe = [entry for entry in checked.notices if entry.code in SEVERE]
     found = checked.excitation
-    poor = () if found is None else found.list_names("poorly identifiable", "not identifiable", "refused")
+    poor = () if found is None else found.list_names("poorly identifiable", "not identifiable")
     level, details = "usable", list(map(str, (*checked.errors, *severe)))
     if not checked.logs:
         level, headline, details = "good", "The robot file has no mistakes.", ["No log was given."]

@@ -37,7 +37,7 @@ _WIDTH = 100
 _SHOWN = 3
 _SINGULAR = 12
 """Singular values on either side of the rank."""
-_VERDICTS = ("identifiable", "poorly identifiable", "not identifiable", "refused")
+_VERDICTS = ("identifiable", "poorly identifiable", "not identifiable")
 _GROUP_WIDTH = 44
 """Letters of a group on one line of a table."""
 _TINY = 1e-12
@@ -93,7 +93,7 @@ def show_identifiable(
 ) -> Table:
     """Return the verdict on every parameter, with the deviation to expect, called `name`, and the reason."""
     rows = [(e.name, e.verdict, write(e.relative_std_percent), e.reason) for e in found.parameters]
-    return Table(("parameter", "verdict", name, "why"), rows, (0, 1, 3), title)
+    return Table(("parameter", "verdict", name, "why"), rows, (0, 1, 3), title, worst=2)
 
 
 def show_joints(source: str, joints: "tuple[JointSummary, ...]") -> Table:
@@ -260,17 +260,17 @@ def _show_parameters(
         percent = format(entry.relative_std_percent, form) if form else entry.relative_std_percent
         truth = (getattr(entry, field) for field in known.values())
         rows.append((entry.name, entry.value, entry.std, percent, entry.unit, *truth))
-    return Table(("parameter", "value", "std", "std/%", "unit", *known), rows, (0, 4))
+    return Table(("parameter", "value", "std", "std/%", "unit", *known), rows, (0, 4), worst=3)
 
 
 def show_residual(residual: Sequence["estimators.Residual"]) -> Table:
-    """Return the table of residuals."""
+    """Return the table of residuals; the figures of a row are those of the same samples."""
     rows = []
     for e in residual:
         # A joint without a motor has no torque that a residual could be a part of.
         share = f"{e.relative_percent:.4f}" if math.isfinite(e.relative_percent) else ""
-        rows.append((e.joint, e.norm, share, e.std, e.unit, e.samples))
-    return Table(("joint", "norm", "relative/%", "std", "unit", "samples"), rows, (0, 4))
+        rows.append((e.joint, e.norm, share, e.norm / math.sqrt(max(1, e.samples)), e.unit, e.samples))
+    return Table(("joint", "norm", "relative/%", "rms", "unit", "samples"), rows, (0, 4))
 
 
 def show_evidence(evidence: "estimators.Evidence") -> Table:
@@ -287,7 +287,7 @@ def show_evidence(evidence: "estimators.Evidence") -> Table:
     header = ("joint", "fit/%", "held out/%", "fast/%", "slow/%", "samples left out/%")
     title = f"Residual below {evidence.scoring:.3g} Hz, relative to the torque; cross-validation over "
     title += f"{parts}."
-    return Table((*header, "torque rms"), rows, title=title)
+    return Table((*header, "torque rms"), rows, title=title, worst=2)
 
 
 def show_tests(evidence: "estimators.Evidence") -> Table:

@@ -18,7 +18,6 @@ Not supported: tests of the residual's whiteness; comparison between rows of dif
 """
 
 import math
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from statistics import NormalDist
@@ -38,6 +37,7 @@ from symid.identification.estimators import (
     Residual,
     Validation,
     list_shares,
+    split_uncertain,
 )
 from symid.identification.friction import FrictionIdentification
 from symid.identification.judge import POLICY
@@ -194,10 +194,6 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
         for entry in evidence.tests
         if entry.what == "gravity" and entry.verdict == _DIFFERENT
     ]
-    off = [f"{entry.joint} {entry.part}" for entry in evidence.tests if entry.what == "scale"]
-    if off:
-        text = f"the torques differ in scale from the robot file's values: {', '.join(off)}"
-        caps.append(("doubtful", f"{text}; check unit, gear and torque constant, or these values"))
     if evidence.impossible:
         bounded = min(_rate(evidence.bounded), "usable", key=LEVELS.index)
         text = f"{'; '.join(evidence.impossible)}; consistent bodies have {evidence.bounded:.3g} %"
@@ -211,6 +207,22 @@ def _judge_evidence(evidence: Evidence) -> tuple[str, str, Caps]:
             ("usable", f"the motion repeats every {evidence.period:.3g} s: the fit was tested on no other")
         )
     return level, headline, caps
+
+
+def _list_scale_caps(record: AnyEstimate) -> Caps:
+    """Return the limits by torques of another size than the robot file's values or limits allow."""
+    caps: Caps = []
+    evidence = record.evidence if isinstance(record, Estimate) else None
+    tests = () if evidence is None else evidence.tests
+    off = [f"{entry.joint} {entry.part}" for entry in tests if entry.what == "scale"]
+    if off:
+        text = f"the torques differ in scale from the robot file's values: {', '.join(off)}"
+        caps.append(("doubtful", f"{text}; check unit, gear and torque constant, or these values"))
+    over = [f"{name} {torque / most:.2g} times" for name, (torque, most) in record.beyond_limit.items()]
+    if over:
+        text = f"the torques are far beyond the limits of the joints: {', '.join(over)}"
+        caps.append(("doubtful", f"{text}; check unit, factor and gear, or these limits"))
+    return caps
 
 
 _WHAT = {
@@ -303,7 +315,7 @@ def judge_identification(estimate: Estimate, validations: Sequence[Validation]) 
     mounting: Any = estimate.settings.get("mounting", {})
     if turn := mounting.get("turn", ""):
         headline = f"{headline} {turn[0].upper()}{turn[1:]}."
-    caps += _list_validation_caps(held_out)
+    caps += [*_list_scale_caps(estimate), *_list_validation_caps(held_out)]
     details += words
     verdict = _limit(level, headline, details, caps)
     causes = () if evidence is None else evidence.causes
@@ -332,29 +344,33 @@ def _judge_prediction(estimate: Estimate, validations: Sequence[Validation]) -> 
 
     # The largest ratio over joints of held-out to fitted rms; both count all rows, slow ones too. Within the
     # scoring band it is the rms of the log over that of the stretches that were held out in the fit.
-    ratio, joint, source = -math.inf, "", ""
+    ratio, joint, sizes, source = -math.inf, "", "", ""
     for entry in same:
-        fitted = {one.joint: compute_rms(one) for one in estimate.residual}
+        fitted, parts = {one.joint: compute_rms(one) for one in estimate.residual}, "the fit"
         if entry.scoring and estimate.evidence is not None:
-            parts = estimate.evidence.joints
-            fitted = {one.joint: 0.01 * one.held_out * one.torque for one in parts if one.torque}
-        known = (one for one in entry.residual if fitted.get(one.joint))
-        ratios = [(compute_rms(one) / fitted[one.joint], f"of {one.joint} ") for one in known]
-        whole = estimate.mean_relative_percent
-        ratios = ratios or [(entry.mean_relative_percent / whole if whole else 1.0, "")]
-        ratio, joint, source = max((ratio, joint, source), (*max(ratios), entry.source))
+            found, parts = estimate.evidence.joints, "stretches held out in the fit"
+            fitted = {one.joint: 0.01 * one.held_out * one.torque for one in found if one.torque}
+        ratios = []
+        for one in entry.residual:
+            if fitted.get(one.joint):
+                rms, own = compute_rms(one), fitted[one.joint]
+                said = f"{rms:.3g} {one.unit} RMS beside {own:.3g} {one.unit} of {parts}"
+                ratios.append((rms / own, f"of {one.joint} ", said))
+        whole, mean = estimate.mean_relative_percent, entry.mean_relative_percent
+        ratios = ratios or [(mean / whole if whole else 1.0, "", f"{mean:.3g} % beside {whole:.3g} %")]
+        ratio, joint, sizes, source = max((ratio, joint, sizes, source), (*max(ratios), entry.source))
     percent = max(validation.mean_relative_percent for validation in same)
     left = f"residual {percent:.3g} % of the {QUANTITIES[estimate.rows]}{_name_band(same[0])}"
     if ratio**2 <= POLICY.fall_of_all:
         return "good", f"The model predicts held-out motions as well as those of the fit: {left}."
-    larger = f"{left}, that {joint}is {ratio:.2g} times that of the fit ({source})"
+    larger = f"{left}, that {joint}is {ratio:.2g} times as large ({sizes}; {source})"
     if ratio <= POLICY.fall and percent <= POLICY.good:
         return "good", f"The model predicts held-out motions nearly as well as those of the fit: {larger}."
     if ratio <= POLICY.fall or percent <= POLICY.good:
         return "usable", f"The model predicts held-out motions less well than those of the fit: {larger}."
     return "doubtful", (
         f"The model does not predict held-out motions: on {source} the residual {joint}is {ratio:.2g} times "
-        f"that of the fit ({left}). A term may be missing in the model, or the robot has changed."
+        f"as large ({sizes}; {left}). A term may be missing in the model, or the robot has changed."
     )
 
 
@@ -375,21 +391,8 @@ def _judge_parameters(
     Within `tolerance` percent a true value counts as met, whatever its standard deviation; where parameters
     may be `small`, uncertain ones limit nothing. Only values that logs were `simulated` from are true ones.
     """
-    details, caps, uncertain, zero = [], list[tuple[str, str]](), [], []
-    # A value that does not differ significantly from zero has no relative deviation. Its deviation is
-    # compared with the largest significant value of the same unit at the same joint: MY of a link with MX,
-    # XY with XX. What is small beside it is known to be small; where there is none, nothing is known.
-    places = [(entry.unit, re.findall(r"\d*$", entry.name)[0]) for entry in parameters]
-    largest = dict.fromkeys(places, 0.0)
-    for entry, place in zip(parameters, places, strict=True):
-        if entry.significant:
-            largest[place] = max(largest[place], abs(entry.value))
-    for entry, place in zip(parameters, places, strict=True):
-        scale = abs(entry.value) if entry.significant else largest[place]
-        if not entry.std <= 0.01 * POLICY.uncertain * scale:
-            uncertain.append(entry.name)
-        elif not entry.significant:
-            zero.append(entry.name)
+    details, caps = [], list[tuple[str, str]]()
+    uncertain, zero = split_uncertain(parameters)
     if parameters:
         sharp = sum(entry.relative_std_percent <= POLICY.good for entry in parameters)
         details.append(
@@ -461,7 +464,7 @@ def judge_elastic(estimate: ElasticEstimate, trials: Sequence[ElasticTrial]) -> 
     if errors and estimate.simulated:
         error, name = max(errors)
         details.append(f"The largest error against a true value is {error:.2g} % ({name}).")
-    return _limit(level, headline, details, caps + more)
+    return _limit(level, headline, details, caps + more + _list_scale_caps(estimate))
 
 
 def _judge_stretches(estimate: ElasticEstimate, evidence: ElasticEvidence) -> tuple[str, str, Caps]:
@@ -555,6 +558,7 @@ def judge_trial(found: AnyValidation, estimate: AnyEstimate | None = None) -> Fi
     caps = _find_lost(found.residual, "the log")
     if own:
         caps.append(("usable", "the log is one of the fit, so this is no test"))
+    caps += [] if estimate is None else _list_scale_caps(estimate)
     return _limit(level, headline, details, caps)
 
 
@@ -596,7 +600,7 @@ def judge_friction(found: FrictionIdentification, validations: Sequence[Validati
     if worst > POLICY.good:
         where = " in the logs of the fit" if held_out else ""
         caps.append((_rate(worst), f"the residual is {worst:.3g} % of a torque{where}"))
-    caps += _list_validation_caps(held_out)
+    caps += [*_list_scale_caps(found), *_list_validation_caps(held_out)]
     below = [
         entry.joint
         for entry in found.joints

@@ -77,7 +77,7 @@ def test_a_report_with_a_diagnosis(logs, estimate, tmp_path):
     text, figures = read_page(page)
     for heading in (
         "Identifiability",
-        "Significant parameters",
+        "Essential parameters",
         "Standard deviations by block bootstrap",
         "Drift between logs",
         "Structure of the residual",

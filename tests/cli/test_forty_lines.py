@@ -1,8 +1,10 @@
 """What a command prints by default fits a terminal, says where the rest is, and -v prints all of it."""
 
+import math
 import re
 import shutil
 import time
+from itertools import pairwise
 
 import pytest
 
@@ -98,6 +100,21 @@ def test_the_longest_parts_are_cut(blocks, most):
     assert hidden > 0
     total = sum(len(str(block).splitlines()) for block in blocks) + len(blocks) - 1
     assert total - 2 <= shown + hidden <= total
+
+
+def test_the_worst_rows_stay_and_no_table_without_rows():
+    rows = [("a", "3.1"), ("b", "2e+02"), ("c", 7.0), ("d", None), ("e", math.inf), ("f", "1")]
+    table = Table(("name", "std/%"), rows, worst=1)
+    lines = shorten_text((table,), 6).splitlines()
+    assert [line.split()[0] for line in lines[2:5]] == ["b", "c", "e"]
+    assert lines[-1] == "... 3 more lines"
+    # Beside long texts, each table with a header has a row, or one line.
+    text = "\n".join(f"line {k}" for k in range(9))
+    lines = shorten_text((text, table, text, TABLE, text), 22).splitlines()
+    assert len(lines) <= 22
+    for line, after in pairwise(lines):
+        assert not (line.startswith("---") and after.startswith("..."))
+    assert sum(line.startswith("---") for line in lines) >= 1
 
 
 def test_what_fits_is_whole():

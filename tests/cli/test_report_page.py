@@ -1,5 +1,6 @@
 """`symid report`: whose page it is, and where its robot is found."""
 
+import json
 import re
 import shlex
 import time
@@ -7,7 +8,7 @@ import time
 import pytest
 
 import symid
-from tests.calls import do, hear, say
+from tests.calls import do, fail, hear, say
 
 
 @pytest.fixture(scope="module")
@@ -44,6 +45,29 @@ def test_the_command_on_a_page_names_files_that_are_there(folder, tmp_path, monk
         words = shlex.split(command)
         assert words[:2] in (["symid", "validate"], ["symid", "export"])
         assert words[2:4] == ["my_arm.toml", "fit.json"]
+
+
+def test_the_command_on_a_page_works_where_no_bodies_have_the_values(folder, tmp_path, monkeypatch):
+    """An inertia just below zero: held-out torque is predicted, and the plain export is refused."""
+    monkeypatch.chdir(folder)
+    data = json.loads((folder / "fit.json").read_text())
+    for entry in data["parameters"]:
+        if entry["name"] == "ZZ2":
+            entry["value"] *= -0.05
+    (tmp_path / "broken.json").write_text(json.dumps(data))
+    assert fail("export", "my_arm.toml", tmp_path / "broken.json", "-o", tmp_path / "x.toml") == (
+        3,
+        "export.cost",
+    )
+    page = tmp_path / "page.html"
+    say("report", tmp_path / "broken.json", "--validation", "run_2.npz", "-o", page)
+    ((why, command),) = re.findall(r'class="next">([^<]*)<br><code>([^<]*)', page.read_text())
+    words = shlex.split(command)
+    assert words[1] == "export"
+    assert "--estimator consistent" in why
+    assert float(words[words.index("--limit") + 1]) < 100.0
+    say(*words[1:])
+    assert (folder / words[5]).exists()
 
 
 def test_a_robot_that_is_gone_is_asked_for(folder, tmp_path, monkeypatch):

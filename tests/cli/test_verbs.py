@@ -113,7 +113,8 @@ def test_validate_and_report_restore_the_log_map(log, tmp_path):
     mean = fitted["result"]["mean_relative_percent"]
     assert answer["result"]["mean_relative_percent"] == pytest.approx(mean, rel=0.05)
     told = [entry["text"] for entry in answer["warnings"] if entry["code"] == "estimate.settings-differ"]
-    assert any(text.startswith("log.torque.unit: the estimate has mN m") for text in told)
+    assert len(told) == 1
+    assert "log.torque.unit: mN m (file: nothing)" in told[0]
     assert "estimate.settings-differ" in find_codes(do("report", found, "--validation", log, "-o", page))
     assert "was multiplied by 0.001" in page.read_text()
 

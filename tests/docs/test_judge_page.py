@@ -4,6 +4,7 @@ import re
 from dataclasses import asdict
 
 from symid.identification.judge import POLICY
+from symid.logs.checks import OVERLOAD
 from tests.pages import DOCS
 
 
@@ -13,3 +14,4 @@ def test_the_table_is_the_policy():
     assert [(name, float(value)) for name, value in rows] == [
         (name, float(value)) for name, value in asdict(POLICY).items()
     ]
+    assert POLICY.overload == OVERLOAD, "logs warn by the number of verdicts"

@@ -134,3 +134,34 @@ def test_partly_known_values_are_enough(arm):
     do("identify", "arm.toml", "torques.csv", "-o", "fit.json", "--force")
     ratios = list_ratios(do("export", "arm.toml", "fit.json", "-o", "new.toml"))
     np.testing.assert_allclose(ratios, 1.0, atol=0.1)
+
+
+def test_torques_beyond_what_the_joints_can_do_are_another_unit(arm):
+    """Twice the torque, which the file's masses do not tell of; the joints' limits do."""
+    file = Path("arm.toml")
+    do(*draft(arm, "--rotors", log="torques.csv"))
+    peaks = [joint["peak"] for joint in do("check", "arm.toml", "torques.csv")["result"]["logs"][0]["joints"]]
+    limits = iter(peaks)
+    text = re.sub(r"(?m)^torque = 10000.*$", lambda _: f"torque = {0.8 * next(limits):.6g}", file.read_text())
+    assert next(limits, None) is None
+    file.write_text(text)
+    # Peaks a quarter above the limit are a fact, and no mistake.
+    answer = do("check", "arm.toml", "torques.csv")
+    assert "log.torque-beyond-limit" not in list_codes(answer)
+    assert "log.torque-peaks" in list_codes(answer)
+    right = do("identify", "arm.toml", "torques.csv", "-o", "right.json")["result"]["verdict"]
+    file.write_text(text.replace("torque = {", "torque = { factor = 2.0,"))
+    assert "log.torque-beyond-limit" in list_codes(do("check", "arm.toml", "torques.csv"))
+    answer = do("identify", "arm.toml", "torques.csv", "--train", "0:70%", "--test", "70%:", "-o", "fit.json")
+    verdict, tried = answer["result"]["verdict"], answer["result"]["validations"][0]["verdict"]
+    assert verdict["level"] == tried["level"] == "doubtful" != right["level"]
+    for said in (verdict, tried):
+        assert "far beyond the limits of the joints: j1 2." in said["headline"]
+        assert "check unit, factor and gear, or these limits" in said["headline"]
+    assert fail("export", "arm.toml", "fit.json", "-o", "new.urdf") == (3, "export.limit")
+    do("export", "arm.toml", "fit.json", "-o", "new.urdf", "--ratio", "3.5")
+    do("identify", "arm.toml", "torques.csv", "--rows", "friction", "-o", "rubbing.json")
+    assert fail("export", "arm.toml", "rubbing.json", "-o", "rubbing.toml") == (3, "export.limit")
+    # Where the limits were wrong, correcting them is enough.
+    file.write_text(re.sub(r"(?m)^torque = [0-9.e+]+$", "torque = 1e4", file.read_text()))
+    do("export", "arm.toml", "fit.json", "-o", "again.urdf")

@@ -267,3 +267,44 @@ def test_an_array_without_columns_is_refused_in_words(tmp_path, name):
     np.savez(tmp_path / "log.npz", **{**columns, name: np.zeros((40, 0))})
     with pytest.raises(LogError, match=r"0 columns|differ in shape"):
         symid.read_log(tmp_path / "log.npz", symid.load("two_link"))
+
+
+def _write_old_npz(path):
+    header = b"{'descr': '<f8', 'fortran_order': False, 'shape': (40L,), }".ljust(117) + b"\n"
+    with zipfile.ZipFile(path, "w") as archive:
+        for name in ("t", "q"):
+            values = np.arange(40.0).tobytes()
+            archive.writestr(
+                f"{name}.npy", b"\x93NUMPY\x01\x00" + struct.pack("<H", len(header)) + header + values
+            )
+
+
+def _write_twice(path):
+    savemat(path, {"t": np.arange(40.0)})
+    content = path.read_bytes()
+    path.write_bytes(content + content[128:])
+
+
+def _write_vax(path):
+    values = np.arange(40.0).tobytes()
+    path.write_bytes(struct.pack("<5i", 2000, 40, 1, 0, 2) + b"t\0" + values)
+
+
+@pytest.mark.parametrize(
+    ("name", "write", "words"),
+    [
+        ("old.npz", _write_old_npz, "created on Python 2"),
+        ("twice.mat", _write_twice, 'Duplicate variable name "t"'),
+        ("vax.mat", _write_vax, "VAX"),
+    ],
+)
+def test_what_a_library_warns_of_is_a_notice_of_the_file(tmp_path, name, write, words):
+    path = tmp_path / name
+    write(path)
+    # pytest turns a warning that gets out into an error.
+    raw = read_raw(path)
+    (notice,) = [entry for entry in raw.notices if entry.code == "log.doubted-file"]
+    assert words in notice.text
+    assert "; save the file anew" in notice.text
+    assert notice.file == str(path)
+    assert raw.columns["t"].shape == (40,)

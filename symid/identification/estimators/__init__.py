@@ -40,6 +40,7 @@ if TYPE_CHECKING:
         find_phases as find_phases,
         list_parameters as list_parameters,
         list_shares as list_shares,
+        split_uncertain as split_uncertain,
         warn_of_other_bodies as warn_of_other_bodies,
     )
     from symid.identification.estimators.instrumental import (

@@ -9,6 +9,7 @@ log -> `Validation`. What a joint does at a row is
 """
 
 import math
+import re
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -303,6 +304,28 @@ class ParameterEstimate:
         return f"{self.name} = {self.value:.5g} +- {self.std:.2g} {self.unit}".rstrip()
 
 
+def split_uncertain(parameters: Sequence[ParameterEstimate]) -> tuple[list[str], list[str]]:
+    """Return the names of those that are uncertain, and of those that are known to be near zero.
+
+    A value that does not differ significantly from zero has no relative deviation. Its deviation is compared
+    with the largest significant value of the same unit at the same joint: MY of a link with MX, XY with XX.
+    What is small beside it is known to be small; where there is none, nothing is known.
+    """
+    places = [(entry.unit, re.findall(r"\d*$", entry.name)[0]) for entry in parameters]
+    largest = dict.fromkeys(places, 0.0)
+    for entry, place in zip(parameters, places, strict=True):
+        if entry.significant:
+            largest[place] = max(largest[place], abs(entry.value))
+    uncertain, zero = list[str](), list[str]()
+    for entry, place in zip(parameters, places, strict=True):
+        scale = abs(entry.value) if entry.significant else largest[place]
+        if not entry.std <= 0.01 * POLICY.uncertain * scale:
+            uncertain.append(entry.name)
+        elif not entry.significant:
+            zero.append(entry.name)
+    return uncertain, zero
+
+
 def list_parameters(
     cards: Sequence[ParameterCard], values: FloatArray, covariance: FloatArray | None
 ) -> tuple[ParameterEstimate, ...]:
@@ -319,7 +342,8 @@ class Residual:
     """The residual of one joint, or of one scalar equation.
 
     `norm` is |y - A x|_2 in the rows' unit, `relative_percent` 100 norm / |y|_2 (infinite where
-    nothing was measured), over `samples` rows; `std` the residual's standard deviation.
+    nothing was measured), over `samples` rows; `std` the residual's standard deviation, of estimates that of
+    the rows that they keep, without slow ones.
     """
 
     joint: str
@@ -379,6 +403,12 @@ class FitRecord:
     notices: tuple[Notice, ...] = field(default=(), metadata=HIDDEN)
     simulated: bool = field(default=False, metadata=HIDDEN)
     file: str = field(default="", metadata=HIDDEN)
+
+    @property
+    def beyond_limit(self) -> dict[str, tuple[float, float]]:
+        """Return torque and limit, N m or N, of joints whose torques in the logs were far beyond, by name."""
+        stored: Any = self.settings.get("beyond_limit", {})
+        return {joint: (torque, most) for joint, (torque, most) in stored.items()}
 
     @abstractmethod
     def list_mistakes(self) -> list[str]:

@@ -123,6 +123,14 @@ class Policy:
         "a value known to a third separates heavy from light",
         "a word in a table earlier or later",
     )
+    whole: float = _number(
+        0.75,
+        "part of the parameters that logs must determine for a model of the whole robot, and that may be "
+        "uncertain at most; values that are known to be small beside others of their joint are not",
+        "export, validation and control want the whole; real logs of arms leave one in ten to two in three "
+        "uncertain, one of a model without friction nine in ten",
+        "halved: a third of a robot passes as one; 1: a wrist that rests refuses an arm",
+    )
     bend: float = _number(
         0.5,
         "part of the speed at which a friction law bends, from which on slow samples of its joint are kept",
@@ -135,6 +143,13 @@ class Policy:
         "times by which torques may differ from those of the robot file's values, either way",
         "masses of a drawing are not wrong by this factor; gears, torque constants and units are",
         "halved: drawings without covers and cables are warned of; doubled: a wrong small gear passes",
+    )
+    overload: float = _number(
+        1.5,
+        "times a joint's stated limit that its torque may reach, but for one sample in a hundred",
+        "servos exceed stated limits by 10 to 30 % for moments; currents and gears are off by more",
+        "1: peaks that drives allow accuse a right unit; doubled: a torque constant that is twice too large "
+        "passes",
     )
     drawing: float = _number(
         0.15,

@@ -37,7 +37,6 @@ if TYPE_CHECKING:
     )
     from symid.identification.regression.identifiability import (
         JOINT_AT_REST as JOINT_AT_REST,
-        WHOLE_MODEL as WHOLE_MODEL,
         Condensed as Condensed,
         Identifiability as Identifiability,
         RankRule as RankRule,

@@ -141,8 +141,6 @@ def solve_condensed(condensed: Condensed, basis: FloatArray, weights: FloatArray
     return CondensedSolution(values, leverage, root, float(scaled[0] / scaled[count - 1]))
 
 
-WHOLE_MODEL = 0.75
-"""Share of a robot's parameters that must be identifiable for a model of the robot."""
 JOINT_AT_REST = "identify.joint-at-rest"
 """Code of the notice that the rows of a joint were left out because it does not move."""
 

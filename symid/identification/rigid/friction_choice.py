@@ -536,7 +536,7 @@ def measure_law_errors(
             if friction.law == law.friction.law != joint.friction:
                 text = f"joint {joint.name!r}: in slow motion, too, {law.selection.verdict} The standard "
                 text += f"deviations of {', '.join(moved.values())} include the change by that law; "
-                text += "--friction auto takes it"
+                text += "to take it, state this law for the joint"
                 notices.append(Notice(code="identify.friction-law", text=text))
     return np.array(found).reshape(-1, len(values)), tuple(notices)
 

@@ -36,7 +36,7 @@ from symid.identification.rigid.plan import plan_fit
 from symid.identification.rigid.scale import describe_scales
 from symid.identification.rigid.settings_choice import SettingsStudy
 from symid.robot import JointKind, Processing, Robot
-from symid.serialization import name_key
+from symid.serialization import HIDDEN, name_key
 
 
 class StudiedLog(NamedTuple):
@@ -216,7 +216,8 @@ def check_channels(log: StudiedLog, library: Library, robot: Robot) -> LogCheck:
         notices += (Notice(code="log.torque-size", text=text, file=file),)
     # Also beside others: a URDF without friction, whose efforts are currents.
     if not {"log.torque-size", "log.wrong-unit"} & {notice.code for notice in notices}:
-        notices += describe_scales(compare_fit(library, log.study, *log.fit, robot), file, "log.effort-size")
+        scales = compare_fit(library, log.study, *log.fit, robot)
+        notices += describe_scales(scales, robot, "log.effort-size", file)
     delay: TorqueDelay | None = None
     if not notices:
         delay = estimate_torque_delay(log)
@@ -231,8 +232,6 @@ def check_channels(log: StudiedLog, library: Library, robot: Robot) -> LogCheck:
 
 
 IDENTIFIABLE, POORLY, NOT_IDENTIFIABLE = "identifiable", "poorly identifiable", "not identifiable"
-_POOR = 100.0
-"""Percent: a deviation as large as the value."""
 _LARGE_CONDITION = 1e3
 _SHOWN = 8
 
@@ -242,7 +241,7 @@ class ParameterVerdict:
     """The verdict on one parameter, and the reason where it is not "identifiable".
 
     "poorly identifiable": expected standard deviation, `relative_std_percent`, above 30 % of the value; "not
-    identifiable": above 100 %; "refused": it has no value of its own.
+    identifiable": it has no value of its own.
     """
 
     name: str
@@ -253,12 +252,16 @@ class ParameterVerdict:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogExcitation:
-    """Verdicts on all parameters; singular values (falling, largest 1), rank, condition up to the rank."""
+    """Verdicts on all parameters; singular values (falling, largest 1), rank, condition up to the rank.
+
+    `unknown` are names of parameters with a value that a fit would leave open, see `split_uncertain`.
+    """
 
     parameters: tuple[ParameterVerdict, ...]
     singular: tuple[float, ...] = field(metadata=name_key("singular_values"))
     rank: int
     condition: float
+    unknown: tuple[str, ...] = field(default=(), metadata=HIDDEN)
 
     def list_names(self, *verdicts: str) -> tuple[str, ...]:
         """Return the names of the parameters with one of these verdicts."""
@@ -266,14 +269,14 @@ class LogExcitation:
 
     @property
     def empty(self) -> bool:
-        """Return whether no parameter is identifiable."""
-        return not self.list_names(IDENTIFIABLE, POORLY)
+        """Return whether no parameter is identifiable, or all would be left open."""
+        return len(self.list_names(NOT_IDENTIFIABLE)) + len(self.unknown) == len(self.parameters)
 
     @property
     def poor(self) -> bool:
-        """Return whether too few parameters are identifiable for a model of the whole robot."""
-        kept = len(self.parameters) - len(self.list_names("refused"))
-        return self.empty or kept < regression.WHOLE_MODEL * len(self.parameters)
+        """Return whether too few parameters are identifiable, or known, for a model of the whole robot."""
+        lost, whole = len(self.list_names(NOT_IDENTIFIABLE)), len(self.parameters)
+        return lost > (1.0 - POLICY.whole) * whole or lost + len(self.unknown) > POLICY.whole * whole
 
 
 def analyse_excitation(library: Library, study: SettingsStudy, moving: Collection[int]) -> LogExcitation:
@@ -291,41 +294,51 @@ def analyse_excitation(library: Library, study: SettingsStudy, moving: Collectio
     still = f"; at rest: {', '.join(resting)}" if resting else ""
     verdicts = []
     for index, name in enumerate(names):
-        percent, verdict = float("inf"), "refused"
+        percent, verdict = float("inf"), NOT_IDENTIFIABLE
         reason = f"acts on no torque of this log{still}"
         if identifiable[index]:
             percent = 100.0 * float(deviations[index]) / max(abs(float(fit.values[index])), numerics.TINY)
-            well = percent <= POLICY.uncertain
-            verdict = IDENTIFIABLE if well else POORLY if percent <= _POOR else NOT_IDENTIFIABLE
+            verdict = IDENTIFIABLE if percent <= POLICY.uncertain else POORLY
             reason = "" if verdict == IDENTIFIABLE else "small beside the noise, or hardly excited"
         elif spectrum.lengths[index]:
             others = ", ".join(names[k] for k in spectrum.list_partners(index, rule)[:4])
             reason = f"acts only together with {others}{still}"
         verdicts.append(ParameterVerdict(name, verdict, percent, reason))
     largest = spectrum.singular[0] or 1.0
+    expected = estimators.list_parameters(card.fitted, fit.values, fit.changes.T @ fit.changes)
+    unknown, _ = estimators.split_uncertain([e for e, own in zip(expected, identifiable, strict=True) if own])
     return LogExcitation(
         parameters=tuple(verdicts),
         singular=tuple(float(value) for value in spectrum.singular / largest),
         rank=rank,
         condition=float(largest / spectrum.singular[rank - 1]) if rank else float("inf"),
+        unknown=tuple(unknown),
     )
 
 
 def describe_excitation(found: LogExcitation) -> tuple[Notice, ...]:
     """Return notices on parameters that are not identifiable, and on a bad condition."""
     notices = []
-    refused = [f"{entry.name}: {entry.reason}" for entry in found.parameters if entry.verdict == "refused"]
+    lost = (entry for entry in found.parameters if entry.verdict == NOT_IDENTIFIABLE)
+    refused = [f"{entry.name}: {entry.reason}" for entry in lost]
     if refused:
         more = f"; and {len(refused) - _SHOWN} more" if len(refused) > _SHOWN else ""
         text = f"{len(refused)} of {len(found.parameters)} parameters are not identifiable by themselves "
         text += f"from these logs ({'; '.join(refused[:_SHOWN])}{more}). Accelerate every joint on its own; "
         text += "`symid excite` makes such motions"
         notices.append(("log.not-excited", text))
-    faint = found.list_names(NOT_IDENTIFIABLE)
+    faint = found.list_names(POORLY)
     if faint:
-        text = f"{len(faint)} parameters are not identifiable, with an expected standard deviation above "
-        text += f"{_POOR:g} % of the value ({shorten_names(faint, _SHOWN)}). "
-        text += "Use faster or longer motions, or leave them out"
+        # The worst first.
+        percents = {entry.name: entry.relative_std_percent for entry in found.parameters}
+        faint = tuple(sorted(faint, key=lambda name: -percents[name]))
+        text = (
+            f"{len(faint)} of {len(found.parameters)} parameters are poorly identifiable, with an expected "
+        )
+        text += (
+            f"standard deviation above {POLICY.uncertain:g} % of the value ({shorten_names(faint, _SHOWN)})"
+        )
+        text += ". Use faster or longer motions, or leave them out"
         notices.append(("log.faint-parameters", text))
     if found.condition > _LARGE_CONDITION:
         text = f"the condition number is {found.condition:.3g}: noise in hardly excited combinations of "
@@ -432,10 +445,15 @@ def check_robot_logs(
         text += "accelerate"
         errors = (Notice(code="check.nothing", text=text),)
     elif excitation.poor:
-        count, whole = len(excitation.list_names("refused")), len(excitation.parameters)
+        count, whole = len(excitation.list_names(NOT_IDENTIFIABLE)), len(excitation.parameters)
+        known = whole - count - len(excitation.unknown)
         text = f"only {whole - count} of {whole} parameters are identifiable from these logs, for the "
         text += "reasons in the table. Record a log in which every joint accelerates on its own, add logs, "
         text += "or fit what is identifiable with `symid identify --partial`"
+        if count <= (1.0 - POLICY.whole) * whole:
+            text = f"a fit to these logs would know only {known} of {whole} parameters within "
+            text += f"{POLICY.uncertain:g} %, or as small: state what the model lacks, such as friction, or "
+            text += "record faster or longer motions"
         errors = (Notice(code="check.poor", text=text),)
     notices += (notice for check in checks for notice in check.notices)
     notices += (*reasons, *describe_excitation(excitation), *library.notices)

@@ -127,8 +127,7 @@ def plan_fit(
     ]
     if slow and "standstill" in processing.left_open:
         text += f", samples slower than these speeds left out: {', '.join(slow)}"
-    text += f". Held-out residual below {study.choice.scoring:.3g} Hz: {taken.held_out:.3g} % of the torque. "
-    text += "To set them, state them under [processing]"
+    text += ". To set them, state them under [processing]"
     note = Notice(code="identify.automatic", text=text)
     plan = FitPlan(
         processing=settled, estimator=estimator, study=study, scoring=study.choice.scoring, notices=(note,)

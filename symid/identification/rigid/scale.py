@@ -153,14 +153,22 @@ def compare_fit_scales(  # noqa: PLR0917 - a fit, its states and its robot
     return compare_scales(library.card, robot, states, columns, found, spreads)
 
 
-def describe_scales(scales: Sequence[JointScale], file: str, code: str) -> tuple[Notice, ...]:
+def describe_scales(
+    scales: Sequence[JointScale], robot: Robot, code: str, file: str = ""
+) -> tuple[Notice, ...]:
     """Return the warning on joints whose torque surely has another scale than the robot file's values."""
     beyond = [entry for entry in scales if entry.is_beyond()]
     if not beyond:
         return ()
     listed = ", ".join(f"{entry.joint!r} {entry.ratio:.3g}" for entry in beyond)
-    text = f"the torques differ in scale from the robot file's values ({listed} times): they may be motor "
-    text += "currents, percent, or of the motor side, or these values are wrong; state unit and side in "
-    text += "[log.torque], gears and torque constants in [joint.drive], or give --units torque=A to `symid "
-    text += "new`"
-    return (Notice(code=code, text=text, file=file),)
+    text = f"the torques differ in scale from the robot file's values ({listed} times): "
+    if robot.log.torque is not None and robot.log.torque.unit.endswith("A"):
+        text += (
+            "torque constants, gears or the side of the currents may be wrong, or these values are; check "
+        )
+        text += "[joint.drive] and [log.torque]"
+    else:
+        text += "they may be motor currents, percent, or of the motor side, or these values are wrong; state "
+        text += "unit and side in [log.torque], gears and torque constants in [joint.drive], or give --units "
+        text += "torque=A to `symid new`"
+    return (Notice(code=code, text=text, file=file or robot.path),)

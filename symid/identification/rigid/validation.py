@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from symid import robot as robots
 from symid.arrays import FloatArray
 from symid.codegen import Library
-from symid.errors import EstimateError, Notice, UsageError
+from symid.errors import EstimateError, Notice, UsageError, shorten_names
 from symid.identification import diagnostics, estimators, regression
 from symid.identification.diagnostics import uncertainty
 from symid.identification.judge import POLICY, numerics
@@ -203,23 +203,22 @@ def restore_robot(
     # has chosen some from its logs, ends that it cut, instruments and velocities are chosen too.
     overridden = {key for key, _ in settings} | (_CHOSEN_TOO if estimate.settings.get("chosen") else set())
     of_file, of_estimate = (_flatten(robots.describe_settings(entry)) for entry in (described, restored))
-    texts = []
-    for key in sorted({*of_file, *of_estimate} - overridden):
-        mine, other = of_estimate.get(key, "nothing"), of_file.get(key, "nothing")
-        if mine != other:
-            texts.append(
-                f"{key}: the estimate has {mine}, the robot file {other}; that of the estimate is used"
-            )
-    for entry in described.settings:
-        of_set = _flatten(
-            robots.describe_settings(robots.override_settings(described, [("settings", entry.name)]))
-        )
-        if of_set == of_estimate and of_file != of_estimate:
+
+    def list_differences(settings: dict[str, object]) -> list[str]:
+        keys = sorted({*settings, *of_estimate} - overridden)
+        pairs = [(key, of_estimate.get(key, "nothing"), settings.get(key, "nothing")) for key in keys]
+        return [f"{key}: {mine!s:.40} (file: {other!s:.40})" for key, mine, other in pairs if mine != other]
+
+    texts = list_differences(of_file)
+    text = f"settings of the estimate differ from the robot file's, and are used: {shorten_names(texts, 8)}"
+    for entry in described.settings if texts else ():
+        of_set = robots.describe_settings(robots.override_settings(described, [("settings", entry.name)]))
+        if not list_differences(_flatten(of_set)):
             # Those of a named set in the file differ together, and are named once.
             text = f"the estimate has the settings '{entry.name}' of the robot file, and they are used"
-            texts = [] if "settings" in overridden else [text]
+            texts = [] if "settings" in overridden else texts
             break
-    notices = [Notice(code="estimate.settings-differ", text=text) for text in texts]
+    notices = [Notice(code="estimate.settings-differ", text=text)] * bool(texts)
     restored = replace(restored, notices=(*restored.notices, *notices))
     if not settings:
         return restored

@@ -154,6 +154,12 @@ def test_joints_are_found_by_name_whatever_their_order_and_beginning(
     np.testing.assert_array_equal(recording.torque, columns["tau"])
     text = tell(recording.notices)["log.joint-names"]
     assert "'fer_joint1' is 'joint1', 'fer_joint2' is 'joint2'; check that it is" in text
+    longer = [(*message[:3], ("joint1_motor", "joint2_motor"), *message[4:]) for message in messages]
+    recording = read_recording(write_bag(longer), make_robot())
+    np.testing.assert_array_equal(recording.torque, columns["tau"])
+    found = tell(recording.notices)
+    assert "log.joint-names" not in found
+    assert "'joint1_motor' is 'joint1', 'joint2_motor' is 'joint2'" in found["log.joint-endings"]
 
 
 def test_messages_with_a_part_of_the_joints_or_of_the_values(make_robot, columns, messages, write_bag):
@@ -222,6 +228,7 @@ def test_topics_without_the_robot(make_robot, messages, write_bag):
     strangers = [(*message[:3], ("hip", "knee"), *message[4:]) for message in messages]
     text = problems(write_bag(strangers), make_robot())["log.topic"]
     assert "/joint_states lacks 'joint1', 'joint2' (it has 'hip', 'knee')" in text
+    assert "--set log.position.columns=/joint_states/NAME/position,..." in text
     silent = [(*message[:6], []) for message in messages]
     text = problems(write_bag(silent), make_robot())["log.topic"]
     assert "/joint_states has no effort of 'joint1', 'joint2'" in text
@@ -322,6 +329,15 @@ def test_names_twice_in_a_message(make_robot, messages, write_bag, kind):
         (("slide",), ("knee",), ()),
         (("myelbow", "mywrist"), ("elbow", "wrist"), ()),
         (("armElbow", "armWrist"), ("legElbow", "legWrist"), ("armElbow", "armWrist")),
+        # An ending more or less, a whole word, of all joints, and only one.
+        (("pan_joint", "lift_joint", "grip"), ("pan", "lift"), ("pan_joint", "lift_joint")),
+        (("pan", "lift"), ("pan_joint", "lift_joint"), ("pan", "lift")),
+        (("panJoint", "liftJoint"), ("pan", "lift"), ("panJoint", "liftJoint")),
+        (("pan_joint", "lift"), ("pan", "lift"), ()),
+        (("pan_joint", "lift_joint", "pan_motor", "lift_motor"), ("pan", "lift"), ()),
+        (("j11", "j21"), ("j1", "j2"), ()),
+        (("pan_1", "lift_1"), ("pan", "lift"), ()),
+        (("panel", "liftel"), ("pan", "lift"), ()),
     ],
 )
 def test_names_of_joints(present, wanted, found):

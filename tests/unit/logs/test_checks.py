@@ -48,9 +48,20 @@ def test_what_is_suspicious_is_remarked_and_nothing_else(check):
     )
     slow = GOOD.position[(np.arange(4000) // 4) * 4]
     assert "75 %" in check(position=slow)["log.repeated-samples"]
-    found = check(limits=Limits(position=(-0.5, 0.5), torque=0.9))
+    found = check(limits=Limits(position=(-0.5, 0.5), torque=0.6))
     assert "-0.5 .. 0.5" in found["log.beyond-limits"]
-    assert "limit 0.9" in found["log.torque-beyond-limit"]
+    assert "limit 0.6" in found["log.torque-beyond-limit"]
+
+
+@pytest.mark.parametrize(
+    ("limit", "spike", "code"),
+    [(1.2, 1.0, None), (0.9, 1.0, "log.torque-peaks"), (1.2, 3.0, "log.torque-peaks")],
+)
+def test_peaks_above_the_limit_of_a_joint_accuse_no_unit(check, limit, spike, code):
+    """A torque of 1.1 at most, above the limit by a fifth, or for a few samples."""
+    torque = GOOD.torque.copy()
+    torque[515:535, 0] *= spike
+    assert [*check(limits=Limits(torque=limit), torque=torque)] == [code] * (code is not None)
 
 
 def test_constant_channels(check):

@@ -159,6 +159,14 @@ def test_errors_against_the_truth_are_told_and_refused_parameters_have_no_value(
     assert any(text.endswith(": IA1.") for text in page.verdict.details)
 
 
+def test_torques_beyond_the_limits_of_joints_make_elastic_fits_doubtful(estimate, trial):
+    assert judge_elastic(estimate, [trial]).level == "good"
+    beyond = replace(estimate, settings={"beyond_limit": {"two": [50.0, 20.0]}})
+    found = judge_elastic(beyond, [trial])
+    assert found.level == "doubtful"
+    assert "limits of the joints: two 2.5 times" in found.headline
+
+
 def test_springs_are_compared_by_values_that_thresholds_do_not_change(estimate):
     blocks = list(show_spring(estimate.springs[0]))
     stiff, reversal, secant, loss = find_table(blocks, "Values").rows

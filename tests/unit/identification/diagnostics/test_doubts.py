@@ -144,20 +144,36 @@ def test_ends_at_rest_are_not_named():
     assert warn_of_moving_ends(replace(PROCESSING, drop_last=50), [cut]) == ()
 
 
-def make(*verdicts, condition=10.0):
+def make(*verdicts, condition=10.0, unknown=()):
     parameters = tuple(
         ParameterVerdict(name=f"P{index}", verdict=verdict, relative_std_percent=5.0, reason="none")
         for index, verdict in enumerate(verdicts)
     )
-    return LogExcitation(parameters=parameters, singular=(1.0, 0.1), rank=2, condition=condition)
+    return LogExcitation(
+        parameters=parameters, singular=(1.0, 0.1), rank=2, condition=condition, unknown=unknown
+    )
+
+
+@pytest.mark.parametrize(
+    ("lost", "unknown", "poor"),
+    [(0, 0, False), (10, 0, False), (11, 0, True), (10, 20, False), (10, 21, True)],
+)
+def test_a_model_needs_three_quarters_with_values_and_a_quarter_known(lost, unknown, poor):
+    verdicts = ["not identifiable"] * lost + ["poorly identifiable"] * (40 - lost)
+    names = tuple(f"P{k}" for k in range(lost, lost + unknown))
+    assert make(*verdicts, unknown=names).poor is poor
 
 
 def test_what_a_log_does_not_tell_is_said_and_nothing_else():
-    assert tell(describe_excitation(make("identifiable", "poorly identifiable"))) == {}
-    assert not make("identifiable", "refused").empty
-    assert make("not identifiable", "refused").empty
+    assert tell(describe_excitation(make("identifiable", "identifiable"))) == {}
+    assert not make("identifiable", "not identifiable").empty
+    assert not make("poorly identifiable", "not identifiable").empty
+    assert make("poorly identifiable", "not identifiable", unknown=("P0",)).empty
     assert " 5e+03" in tell(describe_excitation(make("identifiable", condition=5e3)))["log.condition"]
     # Of many parameters the first eight are listed.
-    for verdict, code in (("refused", "log.not-excited"), ("not identifiable", "log.faint-parameters")):
+    for verdict, code in (
+        ("not identifiable", "log.not-excited"),
+        ("poorly identifiable", "log.faint-parameters"),
+    ):
         text = tell(describe_excitation(make("identifiable", *[verdict] * 10)))[code]
         assert ("P1" in text, "P9" in text) == (True, False)
