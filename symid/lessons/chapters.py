@@ -218,7 +218,9 @@ def translate_chapter(chapter: Chapter, language: str) -> Chapter:
         def formula(inner: str) -> str:
             return f"${write_decimals(inner, language, tex=True)}$"
 
-        return write_marked(words(text), str, formula, "`{}`".format)
+        found = write_marked(words(text), str, formula, "`{}`".format)
+        # Values of a list stand apart as those of a vector do.
+        return found if language == "en" else re.sub(r"(\d\$), (?=\$[^$]* = )", r"\1; ", found)
 
     def turn(item: Item) -> Item:
         cells = tuple(

@@ -673,7 +673,7 @@ widget("exercises", (node) => LESSON_EXERCISES.forEach((one, place) => {
       const tree = readFormula(bare(), D.reading, tr);
       if (one.number !== undefined) { say(Math.abs(evaluateNumber(tree, D.values, D.reading, tr) - one.number) <= 0.01 * Math.max(0.01, Math.abs(one.number))); return; }
       const right = compareFormula(bare(), one.formula, drawPoint, D.reading, tr), asked = !right && listJoints(tree, D.reading).includes(one.joint);
-      say(right, asked && `${tr("not yet")}; ${tr("put in {0}", one.given)}`);
+      say(right, asked && `${tr("not yet")}; ${tr("put in {0}", one.given.replaceAll("-", "\u2212"))}`);
     } catch (error) { say(false, error.message); }
   };
   button.addEventListener("click", check);
