@@ -352,6 +352,25 @@ def _read_sheet(path: Path) -> "lessons.AnswerSheet":
     return lessons.read_sheet(text, str(path))
 
 
+def _check_sheets(texts: Mapping[Path, str], *, force: bool) -> None:
+    """Raise an OutputError where a sheet, the first of `texts`, has typed answers, or either is another one.
+
+    The page and the document of one name have the same sheet, which is written again.
+    """
+    sheet = next(iter(texts))
+    for file, text in texts.items():
+        if not file.exists():
+            continue
+        if file == sheet and any(_read_sheet(file).answers.values()):
+            said = "has answers that were typed; move it, or name the page otherwise"
+            raise OutputError(Notice(code="output.answers", text=said, file=str(file)))
+        if not force and file.read_bytes() != text.encode():
+            said = (
+                "exists already, with other exercises; give the page another name, or --force to overwrite it"
+            )
+            raise OutputError(Notice(code="output.exists", text=said, file=str(file)))
+
+
 @final
 class MarkedSheet(Result):
     """Answers to the exercises of a lesson with their marks; accepted where all are right.
@@ -389,9 +408,12 @@ class MarkedSheet(Result):
         """Return that not all answers are right, where that is so."""
         if self.count == len(self.answers):
             return ()
-        words, wrong = lessons.load_words(self.language), len(self.answers) - self.count
-        text = f"{wrong} of {len(self.answers)} answers {'is' if wrong == 1 else 'are'} not right"
-        return (Notice(code="lesson.not-right", text=words(text), file=str(self.path)),)
+        whole, open_ = len(self.answers), sum(entry.mark == "empty" for entry in self.answers)
+        wrong = whole - self.count - open_
+        told = [f"{wrong} of {whole} answers {'is' if wrong == 1 else 'are'} not right"] if wrong else []
+        told += [f"{open_} of {whole} not answered"] if open_ else []
+        text = lessons.load_words(self.language)("; ".join(told))
+        return (Notice(code="lesson.not-right", text=text, file=str(self.path)),)
 
     def summarise(self) -> str:
         """Return robot, file and count."""
@@ -402,7 +424,12 @@ class MarkedSheet(Result):
         """Return a headline, and a row for each answer."""
         words = lessons.load_words(self.language)
         rows = [
-            (one.number, words(one.mark), one.typed[:_SHOWN] + "..." * (len(one.typed) > _SHOWN), one.note)
+            (
+                one.number,
+                words("not answered" if one.mark == "empty" else one.mark),
+                one.typed[:_SHOWN] + "..." * (len(one.typed) > _SHOWN),
+                one.note,
+            )
             for one in self.answers
         ]
         head = tuple(map(words, ("exercise", "mark", "answer", "note")))
@@ -648,10 +675,12 @@ class RobotDynamics:
         long_sines: bool = False,
         exercises: int = 0,
         seed: int = 0,
+        only_exercises: bool = False,
         log: LogLike | None = None,
         lang: Literal["en", "de"] = "en",
         title: str = "",
         author: str = "",
+        force: bool = False,
     ) -> WrittenLesson:
         """Write the derivation as one self-contained page: formulas, their numbers, checks, the arm to move.
 
@@ -666,20 +695,25 @@ class RobotDynamics:
             exercises: how many stand at the end of a page or document; a sheet to fill in (`check_answers`
                 marks it) and the answers go to text files beside it.
             seed: of the exercises.
+            only_exercises: leave the derivation out; the page keeps the arm to move.
             log: a log or its file, whose motion (at most 30 s) the page offers beside drawn ones.
             lang: language of the lesson, English or German ("de").
             title: in place of the robot's name.
             author: below the title.
+            force: overwrite a sheet of other exercises that stands beside the page; typed answers never are.
 
         Raises:
             RobotError: a symbolic length has no value.
             LogError: the log cannot be read or used; the message lists all mistakes.
-            OutputError: the page cannot be written.
+            OutputError: the page cannot be written; a sheet of other exercises, or of answers, is in the way.
         """
         self.progress(f"deriving the lesson on {self.name}")
         file, robot = Path(fspath(path)), self.description
         suffix = check_suffix(file, "a lesson", (".html", ".htm", ".tex", ".ipynb"))
         book = lessons.get_book(notation, angle=angle, long=long_sines)
+        if only_exercises and not exercises:
+            what = "only_exercises: say how many exercises"
+            raise UsageError(Notice(code="usage.lesson-option", text=what))
         if (suffix == ".ipynb" and exercises) or (suffix in (".tex", ".ipynb") and log is not None):
             part = "log: its motion is" if log is not None else f"exercises={exercises}: they are"
             what = f"{part} part of a page; write a .html for that"
@@ -690,16 +724,15 @@ class RobotDynamics:
             folder = file.resolve().parent
             text, executed = lessons.write_lesson_notebook(robot, book, parameters, folder, **given)
         else:
-            sheet_file = file.with_suffix(".exercises.txt")
-            if exercises and sheet_file.exists() and any(_read_sheet(sheet_file).answers.values()):
-                said = "has answers that were typed; move it, or name the page otherwise"
-                raise OutputError(Notice(code="output.answers", text=said, file=str(sheet_file)))
-            given |= {"tex": suffix == ".tex", "exercises": exercises, "seed": seed}
+            given |= {"tex": suffix == ".tex", "exercises": exercises, "seed": seed, "alone": only_exercises}
             given |= {"logged": None if log is None else _sample_log(robot, log)}
             page = lessons.write_lesson(robot, book, parameters, **given)
-            answers = write_file(file.with_suffix(".answers.txt"), page.answers) if page.answers else None
-            sheet = write_file(sheet_file, page.sheet) if page.sheet else None
             text = page.text
+            if page.sheet:
+                sheet, answers = (file.with_suffix(f".{part}.txt") for part in ("exercises", "answers"))
+                _check_sheets({sheet: page.sheet, answers: page.answers}, force=force)
+                write_file(sheet, page.sheet)
+                write_file(answers, page.answers)
         return WrittenLesson(
             robot=robot,
             path=write_file(file, text),

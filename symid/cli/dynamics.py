@@ -46,9 +46,13 @@ from symid.options import GenerateOptions
     default=0,
 )
 @cli.OUTPUT("--seed", "Of the exercises.", click.IntRange(0), default=0)
+@cli.OUTPUT("--only-exercises", "Leave the derivation out of the page or document.", is_flag=True)
 @cli.INPUT("--log", "Log whose motion the page offers beside drawn ones.", cli.FILE, "FILE")
 @cli.INPUT("--check", "Mark the answers in a sheet of exercises.", cli.FILE, "FILE")
-def derive_command(console: Console, *, robot: cli.NamedRobot, latex: bool, **options: cli.Given) -> Answer:
+@cli.force_option
+def derive_command(
+    console: Console, *, robot: cli.NamedRobot, latex: bool, force: bool, **options: cli.Given
+) -> Answer:
     """Derive the dynamics step by step, from the frames to the torques, with operation counts.
 
     With --html the derivation is a page for a lecture: M, C and g as formulas with their numbers, checks,
@@ -68,7 +72,9 @@ def derive_command(console: Console, *, robot: cli.NamedRobot, latex: bool, **op
     check = given.pop("--check", None)
     if given:
         (page,) = given.values()
-        return make_answer(robot.load(console).write_lesson(page, **options))
+        model = robot.load(console)
+        cli.check_output(page, force=force, inputs=(model.path, options["log"]))
+        return make_answer(model.write_lesson(page, force=force, **options))
     lang = None if options["lang"] == "en" else options["lang"]
     options |= {"lang": None} if check else {}
     unused = [name for name, value in options.items() if value not in (None, False, "symid", "en", 0, "")]

@@ -174,7 +174,7 @@ def _identify_rigid(
 
 
 def _add_origin(record: Record, robot: Robot, recordings: Recordings) -> Record:
-    """Return the record with what the robot file says of it: its name, true values, fixed bodies, overloads."""
+    """Return the record with what the robot file says of it: name, true values, fixed bodies, overloads."""
     simulated = all(entry.simulated == robot.values_signature for entry in recordings)
     name = name_for_commands(robot)
     beyond = {joint: list(pair) for joint, pair in log_files.find_overloads(recordings, robot).items()}

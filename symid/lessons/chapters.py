@@ -150,6 +150,10 @@ def fill_chapter(key: str, book: textbook.Book, **parts: str | int | Iterable[It
     letters = {"M": book.mass, "C": book.coriolis, "g": book.gravity, "tau": book.torque, "T": book.kinetic}
     letters |= {"V": book.potential, "q": book.coordinates, "angle": book.angle, "slide": book.slide}
     letters |= {"a": book.length, "d": book.offset, "s": book.sine, "c": book.cosine}
+    # Angles of rows and of motors: where joints have the letter theta, a row has the same, a motor another.
+    theta = "theta" in book.angle
+    letters |= {"turn": book.angle if theta else r"\theta"}
+    letters |= {"motor": r"{\theta_{\mathrm m}}" if theta else r"\theta"}
     letters |= {name: str(part) for name, part in parts.items() if isinstance(part, str | int)}
     lists = {name: tuple(part) for name, part in parts.items() if not isinstance(part, str | int)}
     items: list[Item] = []
@@ -199,18 +203,39 @@ class Lesson:
     author: str = ""
 
 
-def translate_chapter(chapter: Chapter, words: Words) -> Chapter:
-    """Return a chapter in the language of `words`, its formulas as they are but for words inside."""
+def write_decimals(text: str, language: str, *, tex: bool = False) -> str:
+    """Return numbers, or a formula in LaTeX, with the marks of a language: 0,5 and (0; 0,5) in German."""
+    comma = r"\1{,}\2" if tex else r"\1,\2"
+    found = text if language == "en" else re.sub(r"(?<![\w.])(\d+)\.(\d+)(?![\w.])", comma, text)
+    return found if found == text else found.replace(", ", r";\; " if tex else "; ")
+
+
+def translate_chapter(chapter: Chapter, language: str) -> Chapter:
+    """Return a chapter in a language, its formulas as they are but for words and decimal marks inside."""
+    words = load_words(language)
+
+    def write(text: str) -> str:
+        def formula(inner: str) -> str:
+            return f"${write_decimals(inner, language, tex=True)}$"
+
+        found = write_marked(words(text), str, formula, "`{}`".format)
+        # Values of a list stand apart as those of a vector do.
+        return found if language == "en" else re.sub(r"(\d\$), (?=\$[^$]* = )", r"\1; ", found)
 
     def turn(item: Item) -> Item:
-        cells = tuple(tuple(map(words, row)) for row in item.rows)
+        cells = tuple(
+            tuple(write_decimals(text, language) if _NUMBER.fullmatch(text) else write(text) for text in row)
+            for row in item.rows
+        )
         latex = re.sub(r"\\text\{([^{}]*)\}", lambda match: rf"\text{{{words(match[1])}}}", item.latex)
-        text = words(item.text) if item.kind in ("text", "hint", "check", "details") else item.text
+        latex = write_decimals(latex, language, tex=True)
+        text = write(item.text) if item.kind in ("text", "hint", "check", "details") else item.text
         return replace(item, text=text, latex=latex, rows=cells, items=tuple(map(turn, item.items)))
 
     return replace(chapter, title=words(chapter.title), items=tuple(map(turn, chapter.items)))
 
 
+_NUMBER = re.compile(r"-?[\d.]+(?:e-?\d+)?")
 _MARKED = re.compile(r"(\$[^$]+\$|`[^`]+`)")
 
 
@@ -367,7 +392,7 @@ def _write_row(writer: ChapterWriter, index: int) -> tuple[str, ...]:
     if xz:
         axis = ", ".join(_write_exact(value, writer) for value in (xz, yz, zz))
         origin = ", ".join(_write_exact(value, writer) for value in (x, y, z))
-        return (*start, f"$z = ({axis})$", "", "", f"$p = ({origin})$")
+        return (*start, f"$z = ({axis})$", "", "", rf"$\rho = ({origin})$")
     # d of a row whose axis is (0, -sin alpha, cos alpha).
     theta, d = _write_variables(writer, index, _write_degrees(xx, -xy), yz * y + zz * z)
     return (*start, f"${_write_degrees(zz, -yz)}$", f"${_write_exact(x, writer)}$", theta, d)
@@ -399,16 +424,19 @@ def write_frames(writer: ChapterWriter) -> Chapter:
     """Return the chapter on the frames: standard rows where book and robot have them, else modified ones."""
     model, book = writer.model, writer.book
     robot, a, d = model.robot, rf"${book.length}$", rf"${book.offset}$"
+    theta = f"${book.angle}$" if "theta" in book.angle else r"$\theta$"
     standard = find_standard_rows(robot) if book.standard else ()
-    head = ("joint", "name", "type", "parent", r"$\alpha$", a, r"$\theta$", d)
+    head = ("joint", "name", "type", "parent", r"$\alpha$", a, theta, d)
     rows = [_write_row(writer, index) for index in range(robot.size)]
     if standard:
-        head = ("joint", "name", "type", "parent", a, r"$\alpha$", d, r"$\theta$")
+        head = ("joint", "name", "type", "parent", a, r"$\alpha$", d, theta)
         rows = [_write_standard_row(writer, k, *row) for k, row in enumerate(standard)]
     named = [
         (f"${writer.symbol(name)}$", f"{value:g}", "m/s²" if name == "g" else "m")
         for name, value in model.lengths.items()
     ]
+    own = [(name, value) for name, value in robot.symbols if name not in model.lengths]
+    letters = [(f"${writer.symbol(name)}$", f"{value:.6g}") for name, value in own]
     followers = [
         rf"Joint {k} follows joint {joint.mimic.master + 1}: ${writer.coordinate(k - 1)} = "
         rf"{'-' if joint.mimic.multiplier < 0 else ''}{textbook.write_number(abs(joint.mimic.multiplier))}"
@@ -423,6 +451,7 @@ def write_frames(writer: ChapterWriter) -> Chapter:
         converted=not standard and robot.convention == "standard",
         table=[Item("table", rows=(head, *rows))],
         lengths=[Item("table", rows=(("letter", "value", "unit"), *named))] if named else [],
+        letters=[Item("table", rows=(("letter", "value"), *letters))] if letters else [],
         followers=map(say, followers),
         gravity=", ".join(_write_exact(value, writer) for value in robot.gravity),
     )
@@ -468,8 +497,13 @@ def write_kinematics(writer: ChapterWriter) -> Iterator[Chapter]:
     ]
     yield fill_chapter("velocities", book, vectors=vectors, beyond=beyond)
     if not beyond:
-        folded = (dynamics.fold_vector(robot, algebra, row) for row in dynamics.compute_jacobian(recursion))
-        columns = [write_matrix("J", [list(map(writer.latex, row)) for row in folded])]
+        jacobian = [dynamics.fold_vector(robot, algebra, row) for row in dynamics.compute_jacobian(recursion)]
+        columns = [write_matrix("J", [list(map(writer.latex, row)) for row in jacobian])]
+        # Its elements have names and values, but stand in the matrix alone.
+        for i, row in enumerate(jacobian, start=1):
+            for k, value in enumerate(row, start=1):
+                element = writer.formula(f"J_{{{i}{k}}}", value, f"J{i}_{k}")
+                columns.append(replace(element, kind="value"))
     else:
         columns = [
             write_matrix(rf"{letter}_{{{k}}}", [[writer.latex(x)] for x in vector])

@@ -27,7 +27,6 @@ from symid.lessons.chapters import (
     build_values,
     fill_chapter,
     list_slides,
-    load_words,
     require,
     say,
     show,
@@ -76,12 +75,11 @@ def build_lesson(
     else:
         chapters += _write_long(writer, derived)
     chapters += [*_write_joints(robot), *_write_elastic(robot, book)]
-    words = load_words(language)
     return Lesson(
         robot=robot,
         model=model,
         book=book,
-        chapters=tuple(translate_chapter(chapter, words) for chapter in chapters),
+        chapters=tuple(translate_chapter(chapter, language) for chapter in chapters),
         values=values,
         beta=beta,
         stand_ins=stand_ins,
@@ -168,8 +166,9 @@ def _gather_zeros(items: Sequence[Item]) -> list[Item]:
     end = " = 0"
     zero = [item for item in items if item.kind == "formula" and item.latex.endswith(end)]
     names = ", ".join(f"${item.latex.removesuffix(end)}$" for item in zero)
-    found = [replace(item, kind="value", latex="") if item in zero else item for item in items]
-    return [*found, *([say(f"These are zero: {names}.")] if zero else [])]
+    found = [replace(item, kind="value") if item in zero else item for item in items]
+    told = "This is zero" if len(zero) == 1 else "These are zero"
+    return [*found, *([say(f"{told}: {names}.")] if zero else [])]
 
 
 def _write_gravity(writer: ChapterWriter, values: Sequence[PolyElement]) -> list[Item]:
@@ -194,22 +193,20 @@ def _find_ratio(value: PolyElement, known: PolyElement) -> PolyElement | None:
 def _write_coriolis(writer: ChapterWriter, equations: matrices.Equations) -> Chapter:
     require(matrices.check_skew(equations), "dM/dt - 2C is not skew")
     # Christoffel symbols that differ by more than a sign and a number have letters: h, or h with a number.
-    found: list[PolyElement] = []
-    units: list[str] = []
+    found: dict[tuple[int, int, int], PolyElement] = {}
     for place, value in equations.christoffel.items():
-        if value and not any(_find_ratio(value, known) for known in found):
-            found.append(value)
-            turning = sum(not writer.model.robot.axes[joint].prismatic for joint in place)
-            units.append(("kg", "kg m", "kg m²")[turning - 1])
+        if value and not any(_find_ratio(value, known) for known in found.values()):
+            found[place] = value
     single = len(found) == 1
     named = [
         ("h" if single else f"h_{{{k}}}", "h" if single else f"h{k}", value)
-        for k, value in enumerate(found, start=1)
+        for k, value in enumerate(found.values(), start=1)
     ]
-    symbols = [
-        writer.formula(letter, value, name, unit)
-        for (letter, name, value), unit in zip(named, units, strict=True)
-    ]
+    symbols = []
+    for place, (letter, name, value) in zip(found, named, strict=True):
+        turning = sum(not writer.model.robot.axes[joint].prismatic for joint in place)
+        left = f"{letter} = c_{{{''.join(str(joint + 1) for joint in place)}}}"
+        symbols.append(writer.formula(left, value, name, ("kg", "kg m", "kg m²")[turning - 1]))
     products = _write_products(writer, equations, named) if named else []
     return fill_chapter("coriolis", writer.book, symbols=symbols, elements=products)
 
@@ -316,9 +313,9 @@ def _write_elastic(robot: Robot, book: Book) -> Iterator[Chapter]:
         rows.append((number, "$k_0$", "-", f"{one.stiffness:g}" if one.stiffness else "open"))
         for k, stop in enumerate(one.stops, start=1):
             value = "open" if stop.stiffness is None else f"{stop.stiffness:g}"
-            rows.append((number, f"stop $k_{k}$", f"$r_{k}$ = {stop.threshold:g} rad", value))
+            rows.append((number, f"stop $k_{k}$", rf"$r_{k} = {stop.threshold:g}$ rad", value))
         for k, knee in enumerate(one.knees, start=1):
-            rows.append((number, f"knee $s_{k}$", f"$R_{k}$ = {knee.threshold:g} N m", f"{knee.slope:g}"))
+            rows.append((number, f"knee $s_{k}$", rf"$R_{k} = {knee.threshold:g}$ N m", f"{knee.slope:g}"))
     others = ", ".join(sorted({branch.kind for spring in springs.values() for branch in spring.branches}))
     yield fill_chapter("springs", book, cubic=cubic, table=[Item("table", rows=tuple(rows))], others=others)
     yield fill_chapter("springs-energy", book, knees=knees)

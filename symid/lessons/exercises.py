@@ -44,20 +44,53 @@ from sympy.polys.polyerrors import CoercionFailed
 from sympy.polys.rings import PolyRing
 
 from symid import dynamics
+from symid.arrays import FloatArray
 from symid.dynamics import ExactAlgebra, PointAlgebra
 from symid.environment import locate_resource_folder
 from symid.errors import InputError, Notice
 from symid.lessons import textbook
-from symid.lessons.chapters import LANGUAGES, WRITTEN_OUT, Lesson, Words, list_items, list_slides, load_words
+from symid.lessons.chapters import (
+    LANGUAGES,
+    WRITTEN_OUT,
+    Lesson,
+    Words,
+    list_items,
+    list_slides,
+    load_words,
+    write_decimals,
+)
 from symid.lessons.dynamic_chapters import build_lesson
 from symid.lessons.matrices import Parameterisation
 from symid.robot import Robot
 
 MOST_EXERCISES = 50
 """On one page."""
-_LONGEST_ANSWER, _SMALL_TORQUE = 140, 1e-9
-_POSTURES = ((Integer(0), "0"), (pi / 2, "90 deg"), (-pi / 2, "-90 deg"), (pi, "180 deg"))
-"""Angles of a joint in rad, and as they are written."""
+_LONGEST_ANSWER, _SMALL, _PATIENCE = 140, 1e-9, 12
+_POSTURES = ((Integer(0), "0", "0"), *((k * pi / 2, rf"{90 * k}^\circ", f"{90 * k}°") for k in (1, -1, 2)))
+"""Angles of a joint in rad, and as they are written in LaTeX and as text."""
+_FORMULAS = {
+    r"M\d+_\d+": "What is the element {0} of the inertia matrix at {1}?",
+    r"J\d+_\d+": "What is the element {0} of the Jacobian at {1}?",
+    r"h\d*": "What is the Christoffel symbol {0} at {1}?",
+    r"g\d+_": "What is the gravity term {0} at {1}?",
+}
+"""Questions for a formula, by the names of what is asked for."""
+_WITH = "With the values of the lesson, "
+_NUMBERS = {
+    "rest": (_WITH + "which {what} ({unit}) holds joint {{0}} at rest at {{1}}? To one percent.", "g{0}_"),
+    "start": (
+        _WITH + "which {what} ({unit}) does joint {{0}} need to start from rest at {{1}} with {{2}}? To one "
+        "percent.",
+        "M{0}_{1} M{1}_{0} g{0}_",
+    ),
+    "speed": (
+        _WITH + "which {what} ({unit}) does joint {{0}} need at {{1}} with {{2}}, without acceleration or "
+        "friction? To one percent.",
+        "C{0}_{1} g{0}_",
+    ),
+    "energy": (_WITH + "what is the kinetic energy (J) at {{1}} with {{2}}? To one percent.", "T"),
+}
+"""Questions for a number, and the formulas that it follows from, those of joint {0} and of all joints {1}."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,38 +99,52 @@ class Exercise:
 
     Args:
         prompt: of the page, its formulas in LaTeX. plain: the same as text. note: the unit of the answer.
-        code: the answer in JavaScript; or a `number`.
+        about: what is asked for. joint: the one whose angle the question gives, and `given` how; else 0.
+        code: the answer in JavaScript; or a `number`. needed: letters whose values the number follows from.
     """
 
     prompt: str
     plain: str
     answer: str
+    about: str
     note: str = ""
+    joint: int = 0
+    given: str = ""
     code: str = ""
     number: float | None = None
+    needed: frozenset[str] = frozenset()
 
 
 def draw_exercises(
     lesson: Lesson, count: int, rng: np.random.Generator, words: Words = str
 ) -> tuple[Exercise, ...]:
-    """Return exercises on a lesson, in its language: formulas at right angles, torques at rest."""
-    makers = (_ask_formula, _ask_torque)
-    found: dict[str, Exercise] = {}
+    """Return exercises on a lesson, in its language, formulas at right angles and numbers in turn.
+
+    A quantity is asked for again only where there are no others.
+    """
+    makers = (_ask_formula, _ask_number)
+    found, vain = dict[str, Exercise](), 0
     for k in range(50 * count):
-        one = makers[k % len(makers)](lesson, rng, words)
-        if one is not None:
-            found.setdefault(one.prompt, one)
+        # One kind in vain again and again: the robot has none, or no more of it.
+        maker = makers[(len(found) + vain // _PATIENCE) % len(makers)]
+        one = maker(lesson, rng, len(found) // len(makers) + vain, words)
+        vain += 1
+        known = sum(one.about == other.about for other in found.values()) if one else 0
+        if one is not None and known <= k // (10 * count) and one.prompt not in found:
+            found[one.prompt], vain = one, 0
         if len(found) == count:
             break
     return tuple(found.values())
 
 
-def _ask_formula(lesson: Lesson, rng: np.random.Generator, words: Words) -> Exercise | None:
+def _ask_formula(lesson: Lesson, rng: np.random.Generator, turn: int, words: Words) -> Exercise | None:
     robot, book, slides = lesson.robot, lesson.book, list_slides(lesson.robot)
     items = [item for chapter in lesson.chapters for item in list_items(chapter.items)]
-    known = [x for x in items if x.code and x.name[:1] in set("Mgh") and 4 < len(x.sympy) <= _LONGEST_ANSWER]
-    if not known:
+    short = [item for item in items if item.code and 4 < len(item.sympy) <= _LONGEST_ANSWER]
+    kinds = {form: [x for x in short if re.fullmatch(form, x.name)] for form in _FORMULAS}
+    if not (asked := [form for form, some in kinds.items() if some]):
         return None
+    known = kinds[form := asked[turn % len(asked)]]
     item = known[int(rng.integers(len(known)))]
     names = (*lesson.values, *(f"{rate}q{k + 1}" for k in range(robot.size) for rate in ("", "d", "dd")))
     letters = {name: Symbol(name) for name in names}
@@ -106,49 +153,128 @@ def _ask_formula(lesson: Lesson, rng: np.random.Generator, words: Words) -> Exer
     if not turning:
         return None
     joint = turning[int(rng.integers(len(turning)))]
-    angle, shown = _POSTURES[int(rng.integers(len(_POSTURES)))]
+    angle, *shown = _POSTURES[int(rng.integers(len(_POSTURES)))]
     # Another formula than that of the page, which depends on the angle.
     found = expand(value.subs(letters[f"q{joint}"], angle))
     if found.is_number or found.has(pi):
         return None
-    text = re.sub(r"(\w+)\*\*(\d+)", lambda power: "*".join([power[1]] * int(power[2])), str(found))
-    code = re.sub(r"[A-Za-z]\w*", lambda name: f"{'Math' if name[0] in _FUNCTIONS else 'v'}.{name[0]}", text)
-    answer = re.sub(r"\w+", lambda name: textbook.write_name(name[0], book, slides), text)
-    left, coordinate = item.latex.partition(" = ")[0], textbook.write_symbol(f"q{joint}", book, slides)
-    ask = words("What is {0} at {1} = {2}?").format
-    plain = ask(*(rewrite_formula(part).replace("_", "").strip() for part in (left, coordinate)), shown)
-    return Exercise(prompt=ask(f"${left}$", f"${coordinate}$", shown), plain=plain, answer=answer, code=code)
+    code = re.sub(r"(\w+)\*\*(\d+)", lambda power: "*".join([power[1]] * int(power[2])), str(found))
+    code = re.sub(r"[A-Za-z]\w*", lambda name: f"{'Math' if name[0] in _FUNCTIONS else 'v'}.{name[0]}", code)
+    answer = re.sub(r"\w+", lambda name: textbook.write_name(name[0], book, slides), str(found))
+    # A Christoffel symbol h1 = c112 is asked for by its indices.
+    left, coordinate = item.latex.split(" = ")[-2], textbook.write_symbol(f"q{joint}", book, slides)
+    ask = words(_FORMULAS[form]).format
+    given = f"{show_plain(coordinate)} = {shown[1]}"
+    return Exercise(
+        prompt=ask(f"${left}$", f"${coordinate} = {shown[0]}$"),
+        plain=ask(show_plain(left), given),
+        answer=answer.replace("**", "^"),
+        about=item.name,
+        joint=joint,
+        given=given,
+        code=code,
+    )
 
 
-def _ask_torque(lesson: Lesson, rng: np.random.Generator, words: Words) -> Exercise | None:
+def _ask_number(lesson: Lesson, rng: np.random.Generator, turn: int, words: Words) -> Exercise | None:
+    robot, book, freedom = lesson.robot, lesson.book, lesson.robot.freedom
+    kinds = list(_NUMBERS)[: None if freedom <= WRITTEN_OUT else 1]
+    kind, place = kinds[turn % len(kinds)], int(rng.integers(freedom))
+    q = []
+    for joint in robot.axes:
+        low, high = joint.limits.position or ((0.1, 0.6) if joint.prismatic else (-1.5, 1.5))
+        q.append(round(float(rng.uniform(max(low, -1.5), min(high, 1.5))), 2 if joint.prismatic else 1))
+    rates, still = [round(float(x), 1) for x in rng.uniform(-2.0, 2.0, freedom)], [0.0] * freedom
+    values = [q, rates if kind == "speed" else still, still if kind in ("rest", "speed") else rates]
+    torques = _compute_torques(lesson, *values)
+    number = float(torques[place])
+    if kind == "energy":
+        # dq' M dq / 2, the momentum M dq as what the accelerations dq add to the torques at rest.
+        number = 0.5 * float(np.dot(rates, torques - _compute_torques(lesson, q, still, still)))
+    if abs(number) < _SMALL:
+        return None
+    what, unit = ("force", "N") if robot.axes[place].prismatic else ("torque", "N m")
+    sentence, formulas = _NUMBERS[kind]
+    unit = "J" if kind == "energy" else unit
+    ask = words(sentence.format(what=what, unit=unit)).format
+    dots = {"start": "ddot", "rest": ""}.get(kind, "dot")
+    sides = [(book.coordinates, q), (rf"\{dots} {{{book.coordinates}}}", rates)][: 1 if kind == "rest" else 2]
+    texts = [", ".join(f"{x:g}" for x in numbers) for _, numbers in sides]
+    return Exercise(
+        prompt=ask(
+            robot.coordinates[place] + 1,
+            *(
+                f"${letter} = ({write_decimals(text, lesson.language, tex=True)})$"
+                for (letter, _), text in zip(sides, texts, strict=True)
+            ),
+        ),
+        plain=ask(
+            robot.coordinates[place] + 1,
+            *(
+                f"{show_plain(letter)} = ({write_decimals(text, lesson.language)})"
+                for (letter, _), text in zip(sides, texts, strict=True)
+            ),
+        ),
+        answer=write_decimals(f"{number:.5g}", lesson.language),
+        about=f"{kind} {'' if kind == 'energy' else place}",
+        note=unit,
+        number=number,
+        needed=_list_needed(lesson, formulas, place),
+    )
+
+
+def _compute_torques(
+    lesson: Lesson, q: Sequence[float], dq: Sequence[float], ddq: Sequence[float]
+) -> FloatArray:
+    """Return the torques (n,) of a motion without friction, springs included, by the recursion in doubles."""
     robot = lesson.robot
-    q = [round(float(x), 1) for x in rng.uniform(-1.5, 1.5, robot.freedom)]
-    # Torques at rest, springs included, by the Newton-Euler recursion in doubles.
     algebra = dynamics.FloatAlgebra(dict(robot.symbols))
     values: dict[str, float] = {}
     for number, angle in enumerate(dynamics.spread_coordinates(robot, algebra, q)[: robot.size], start=1):
         values |= {f"s{number}": math.sin(angle), f"c{number}": math.cos(angle), f"q{number}": angle}
+    for joint, rate, acceleration in zip(robot.coordinates, dq, ddq, strict=True):
+        values |= {f"dq{joint + 1}": rate, f"ddq{joint + 1}": acceleration}
     recursion = dynamics.build_recursion(robot, algebra, dynamics.build_state(robot, algebra, values))
-    keys = dynamics.derive_base_parameters(robot).keys
-    loads = dynamics.compute_inverse_dynamics(recursion, dict(zip(keys, lesson.beta, strict=True)))
-    torques = dynamics.fold_vector(robot, algebra, loads)
-    joint = int(rng.integers(robot.freedom))
-    if abs(torques[joint]) < _SMALL_TORQUE:
-        return None
-    slides = robot.axes[joint].prismatic
-    what, unit = ("force", "N") if slides else ("torque", "N m")
-    ask = words(
-        f"With the values of this page, which {what} ({unit}) holds joint {{0}} at rest at {{1}} = ({{2}})? "
-        "To one percent."
-    ).format
-    place, q_text = robot.coordinates[joint] + 1, ", ".join(f"{x:g}" for x in q)
-    letter = lesson.book.coordinates
-    return Exercise(
-        prompt=ask(place, f"${letter}$", q_text),
-        plain=ask(place, rewrite_formula(letter).strip(), q_text),
-        answer=f"{torques[joint]:.5g}",
-        note=unit,
-        number=torques[joint],
+    parameters = dict(zip(lesson.model.base.keys, lesson.beta, strict=True))
+    loads = dynamics.compute_inverse_dynamics(recursion, parameters)
+    return np.array(dynamics.fold_vector(robot, algebra, loads))
+
+
+def _list_needed(lesson: Lesson, formulas: str, place: int) -> frozenset[str]:
+    """Return the letters with values that formulas of the lesson come down to, and those of springs."""
+    items = list_items([item for chapter in lesson.chapters for item in chapter.items])
+    codes = {item.name: item.code for item in items if item.name and item.code}
+    others = range(1, lesson.robot.freedom + 1)
+    wanted = {name.format(place + 1, k) for name in formulas.split() for k in others}
+    springs = {entry.name for entry in lesson.model.base.parameters if entry.label[1] in ("KS", "KR")}
+    needed = {name for name in springs if f"beta_{name}" not in codes}
+    while wanted:
+        name = wanted.pop()
+        if name in codes:
+            wanted |= {*re.findall(r"\bv\.(\w+)", codes[name])} - needed
+        elif name in lesson.values:
+            needed.add(name)
+    return frozenset(needed)
+
+
+def show_plain(latex: str) -> str:
+    """Return a letter in LaTeX as a sheet shows it, and as it may be typed."""
+    return rewrite_formula(latex).replace("_", "").strip(" ()")
+
+
+def list_values(lesson: Lesson, exercises: Sequence[Exercise]) -> list[tuple[str, str]]:
+    """Return the letters whose values exercises need, in LaTeX, with these values, in SI units."""
+    slides, needed = list_slides(lesson.robot), {name for one in exercises for name in one.needed}
+    pairs = ((name, value) for name, value in lesson.values.items() if name in needed)
+    return [(textbook.write_symbol(name, lesson.book, slides), f"{value:.6g}") for name, value in pairs]
+
+
+def find_example(lesson: Lesson) -> str:
+    """Return a short formula of the lesson as text, with a sine where one has; empty without any."""
+    items = list_items([item for chapter in lesson.chapters for item in chapter.items])
+    texts = [item.text for item in items if item.code and "*" in item.text and not item.name.startswith("J")]
+    return min(
+        texts, key=lambda text: (not re.search(r"\b[csCS]\d|\bcos|\bsin", text), len(text)), default=""
     )
 
 
@@ -157,8 +283,8 @@ def _ask_torque(lesson: Lesson, rng: np.random.Generator, words: Words) -> Exerc
 _SETTING = re.compile(r"--([a-z-]+) (\S+)")
 _ANSWER = re.compile(r"(?:answer|Antwort)\s+(\d+)\s*[=:]\s*(.*)", re.IGNORECASE)
 _PROMPT = re.compile(r"(\d+)\.\s+(.*)")
-_SHARE = 0.01
-"""Of a torque, to which it is wanted."""
+_SHARE, _IN_A_ROW = 0.01, 6
+"""Of a torque, to which it is wanted; values in a line of the sheet."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -171,16 +297,23 @@ class AnswerSheet:
 
 
 def write_sheet(
-    robot: str, exercises: Sequence[Exercise], settings: Mapping[str, object], words: Words = str
+    lesson: Lesson, exercises: Sequence[Exercise], settings: Mapping[str, object], words: Words = str
 ) -> str:
     """Return the sheet for students: every question, and a line for its answer."""
     drawn = " ".join(f"--{name} {value}" for name, value in settings.items() if value is not None)
-    lines = [
-        words("# Exercises on {0}. Type each answer behind its =; it may go on in indented lines.").format(
-            robot
-        ),
-        words("# Formulas in the letters of the lesson: m2*lc2*g*cos(q1 + q2), or shorter m2 lc2 g c12."),
-        words("# Numbers may be formulas too."),
+    example = find_example(lesson)
+    first = "# Exercises on {0}. Type each answer behind its =; it may go on in indented lines."
+    lines = [words(first).format(lesson.robot.name)]
+    if example:
+        formulas = "# Formulas in the letters of the lesson, such as {0}, or {1}."
+        lines.append(words(formulas).format(example, example.replace("*", " ")))
+    lines.append(words("# Numbers may be formulas too."))
+    if values := list_values(lesson, exercises):
+        pairs = (f"{show_plain(name)} = {write_decimals(x, lesson.language)}" for name, x in values)
+        listed, mark = list(pairs), ", " if lesson.language == "en" else "; "
+        rows = [mark.join(listed[k : k + _IN_A_ROW]) for k in range(0, len(listed), _IN_A_ROW)]
+        lines += [words("# Values in SI units, angles in rad:"), *(f"#   {row}" for row in rows)]
+    lines += [
         words("# To mark: symid derive ROBOT --check FILE"),
         words("# Written with: {0}").format(drawn),
     ]
@@ -238,9 +371,8 @@ def mark_sheet(robot: Robot, sheet: AnswerSheet, file: str, lang: str = "") -> t
     if not (known and settings["seed"].isdigit() and settings.get("exercises", "").isdigit()):
         text = "its line with settings was changed: it has exercises, seed, notation, parameters, angle, lang"
         raise InputError(Notice(code="lesson.settings", text=text, file=file))
-    lesson = build_lesson(
-        robot, textbook.get_book(settings["notation"], angle=angle), cast("Parameterisation | None", form)
-    )
+    book = textbook.get_book(settings["notation"], angle=angle)
+    lesson = build_lesson(robot, book, cast("Parameterisation | None", form), settings["lang"])
     rng = np.random.default_rng(int(settings["seed"]))
     count = min(int(settings["exercises"]), MOST_EXERCISES)
     drawn = draw_exercises(lesson, count, rng, load_words(settings["lang"]))
@@ -249,21 +381,25 @@ def mark_sheet(robot: Robot, sheet: AnswerSheet, file: str, lang: str = "") -> t
         text = f"its questions are not those of {robot.name} with these settings; give the robot that the "
         text += "sheet was written for, or write it again with this version"
         raise InputError(Notice(code="lesson.other-exercises", text=text, file=file))
-    comparison, words = build_comparison(lesson), load_words(lang or settings["lang"])
-    found = []
+    language = lang or settings["lang"]
+    comparison, words, found = build_comparison(lesson), load_words(language), []
     for number, one in enumerate(drawn, start=1):
         typed, right, mark, note = sheet.answers.get(number, ""), False, "", ""
         # The unit that the answer shows behind it may be typed too.
-        given = typed if one.number is None else re.sub(r"\s*N\s*m?\s*$", "", typed)
+        unit = r"\s*".join(one.note.split())
+        given = re.sub(rf"\s*(?:{unit}|\({unit}\))\s*$", "", typed) if unit else typed
         try:
             if not typed:
                 mark = "empty"
             elif one.number is not None:
                 value = evaluate_number(read_answer(given, comparison.names), lesson.values)
                 right = abs(value - one.number) <= _SHARE * max(_SHARE, abs(one.number))
-                note = f"{value:.5g}, to one percent"
+                note = write_decimals(f"{value:.5g}", language)
+                note += ", to one percent" if right else " is more than one percent off"
             else:
                 right, note = comparison.compare(given, one.code)
+                if not right and one.joint in list_joints(read_answer(given, comparison.names), robot.size):
+                    note += f"; put in {one.given}"
         except InputError as error:
             mark, note = "unreadable", str(error)
         mark = mark or ("right" if right else "wrong")
@@ -321,7 +457,7 @@ def list_spellings(lesson: Lesson) -> dict[str, str]:
     pairs += [(name, name) for name in letters]
     items = list_items([item for chapter in lesson.chapters for item in chapter.items])
     for item in (item for item in items if item.name and item.code):
-        left = rewrite_formula(item.latex.partition(" = ")[0]).strip()
+        left = rewrite_formula(item.latex.partition(" = ")[0]).strip() or item.name
         # C12 is a cosine where the book writes it so, elsewhere an element of the matrix.
         pairs += [(x, item.name) for x in (left, item.name) if x[:1] not in (book.sine, book.cosine)]
     found: dict[str, str] = {}
@@ -332,11 +468,15 @@ def list_spellings(lesson: Lesson) -> dict[str, str]:
 
 @dataclass(frozen=True, slots=True)
 class Expression:
-    """A node: a "number" or "letter" by its text, a function by its name, or an operation on its parts."""
+    """A node: a "number" or "letter" by its text, a function by its name, or an operation on its parts.
+
+    The text of a letter is its name in code; `typed` is what was written.
+    """
 
     kind: str
     text: str = ""
     parts: "tuple[Expression, ...]" = ()
+    typed: str = ""
 
 
 def read_formula(text: str, names: Mapping[str, str] | None = None) -> Expression:
@@ -421,16 +561,18 @@ class _Reader:
             return value if power is None else Expression("^", parts=(value, power))
         if re.match(r"[A-Za-z]", first):
             plain = first.replace("_", "")
-            return Expression("letter", self.names.get(first) or self.names.get(plain) or first)
+            return Expression("letter", self.names.get(first) or self.names.get(plain) or first, typed=first)
         _refuse(f'"{first}" was not expected')
 
 
 def evaluate_number(node: Expression, values: Mapping[str, float]) -> float:
     """Return a formula as a number, letters from `values`; an InputError says why there is none."""
     if node.kind == "letter":
-        if node.text not in values:
-            _refuse(f'"{node.text}" has no value in this lesson')
-        return values[node.text]
+        if node.text in values:
+            return values[node.text]
+        if re.fullmatch(r"d{0,2}q\d+", node.text) or re.match(load_spelling()["wave"], node.text, re.ASCII):
+            _refuse(f'put in the numbers of the question for "{node.typed}"')
+        _refuse(f'"{node.typed}" has no value in this lesson')
     parts = [evaluate_number(part, values) for part in node.parts]
     try:
         return float(node.text if node.kind == "number" else _OPERATIONS[node.kind](*parts))
@@ -482,13 +624,10 @@ class _Field:
                     return self.letters[name], one
                 if name in self.formulas:
                     return self.evaluate(self.formulas[name])
-                match = re.match(load_spelling()["wave"], name, re.ASCII)
-                if match is None:
-                    _refuse(f'"{name}" is no letter of this lesson')
-                # c12 of a robot with less than ten joints has digits, c_10_11 numbers; n is a minus.
-                joints = re.findall(r"(n?)(\d)" if self.size < _ONE_DIGIT else r"(n?)(\d+)", match[2])
-                angle = [(int(joint), -1 if sign else 1) for sign, joint in joints]
-                return self._expand_wave(match[1].lower(), angle), one
+                angle = read_wave(name, self.size)
+                if not angle:
+                    _refuse(f'"{node.typed}" is no letter of this lesson')
+                return self._expand_wave(name[0].lower(), angle), one
             case "^":
                 (a, b), power = self.evaluate(node.parts[0]), read_rational(node.parts[1])
                 highest = load_spelling()["highest"]
@@ -538,6 +677,25 @@ class _Field:
         return textbook.add_angles(self.algebra, waves)[kind == "c"]
 
 
+def read_wave(name: str, size: int) -> list[tuple[int, int]]:
+    """Return the joints of a sine or cosine such as c12, each with its sign; nothing of another letter.
+
+    Of a robot of less than ten joints each digit is a joint, else c_10_11 has numbers; n is a minus.
+    """
+    match = re.match(load_spelling()["wave"], name, re.ASCII)
+    joints = re.findall(r"(n?)(\d)" if size < _ONE_DIGIT else r"(n?)(\d+)", match[2] if match else "")
+    return [(int(joint), -1 if sign else 1) for sign, joint in joints]
+
+
+def list_joints(node: Expression, size: int) -> set[int]:
+    """Return the numbers of the joints whose coordinates, sines or cosines a formula has."""
+    found = set[int]()
+    for letter in _list_letters(node):
+        match = re.fullmatch(r"q(\d+)", letter.text)
+        found |= {int(match[1])} if match else {joint for joint, _ in read_wave(letter.text, size)}
+    return found
+
+
 def read_rational(node: Expression) -> Fraction | None:
     """Return an expression of numbers as a fraction; None where it has letters, roots or powers."""
     if node.kind == "number":
@@ -550,11 +708,15 @@ def read_rational(node: Expression) -> Fraction | None:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FormulaComparison:
-    """Where formulas are compared: exact points, and up to three joints a ring; `names` by what is typed."""
+    """Where formulas are compared: exact points, and up to three joints a ring; `names` by what is typed.
+
+    An answer has no letter of `closed`, the names that formulas of the lesson have for short, such as h1.
+    """
 
     points: tuple[_Field, ...]
     ring: _Field | None
     names: Mapping[str, str]
+    closed: frozenset[str]
 
     def compare(self, typed: str, answer: str) -> tuple[bool, str]:
         """Return whether a typed formula equals the answer, and how that was found.
@@ -562,10 +724,9 @@ class FormulaComparison:
         The answer may be JavaScript of the page; an InputError says that the typed formula cannot be read.
         """
         left, right = read_answer(typed, self.names), read_formula(_JAVASCRIPT.sub("", answer))
-        letters = set(_list_letters(left))
-        for name, formula in self.points[0].formulas.items():
-            if name in letters and formula == right:
-                _refuse(f'"{name}" is what is asked for')
+        for letter in _list_letters(left):
+            if letter.text in self.closed:
+                _refuse(f'write out what "{letter.typed}" stands for')
         for field in self.points:
             if not _is_equal(field, left, right):
                 return False, "not equal to the answer"
@@ -574,9 +735,9 @@ class FormulaComparison:
         return _is_equal(self.ring, left, right), "equal as polynomials"
 
 
-def _list_letters(node: Expression) -> Iterator[str]:
+def _list_letters(node: Expression) -> Iterator[Expression]:
     if node.kind == "letter":
-        yield node.text
+        yield node
     for part in node.parts:
         yield from _list_letters(part)
 
@@ -584,6 +745,14 @@ def _list_letters(node: Expression) -> Iterator[str]:
 def _is_equal(field: _Field, left: Expression, right: Expression) -> bool:
     (a, b), (c, d) = field.evaluate(left), field.evaluate(right)
     return bool(field.algebra.mul(a, d) == field.algebra.mul(c, b))
+
+
+def list_closed(lesson: Lesson) -> list[str]:
+    """Return the names of formulas that others are not written in: elements of matrices, h1, energies."""
+    own = {*map(str, lesson.model.algebra.ring.symbols)}
+    items = list_items([item for chapter in lesson.chapters for item in chapter.items])
+    named = {item.name for item in items if item.code and not item.name.startswith("beta_")}
+    return sorted(named - own - {""})
 
 
 def build_comparison(lesson: Lesson) -> FormulaComparison:
@@ -618,4 +787,5 @@ def build_comparison(lesson: Lesson) -> FormulaComparison:
         points.append(build(PointAlgebra(domain, {}), numbers))
     short = robot.freedom <= WRITTEN_OUT
     whole = build(algebra, letters) if short else None
-    return FormulaComparison(points=tuple(points), ring=whole, names=spellings)
+    closed = frozenset(list_closed(lesson))
+    return FormulaComparison(points=tuple(points), ring=whole, names=spellings, closed=closed)

@@ -23,7 +23,7 @@ import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from html import escape
-from itertools import count
+from itertools import compress, count
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +37,7 @@ from symid.environment import locate_resource_folder
 from symid.errors import GenerationError, Notice
 from symid.lessons.chapters import (
     WRITTEN_OUT,
+    Chapter,
     Item,
     Lesson,
     Words,
@@ -50,8 +51,17 @@ from symid.lessons.chapters import (
     write_marked,
 )
 from symid.lessons.dynamic_chapters import build_lesson
-from symid.lessons.exercises import Exercise, draw_exercises, list_spellings, load_spelling, write_sheet
-from symid.lessons.matrices import Parameterisation
+from symid.lessons.exercises import (
+    Exercise,
+    draw_exercises,
+    find_example,
+    list_closed,
+    list_spellings,
+    list_values,
+    load_spelling,
+    write_sheet,
+)
+from symid.lessons.matrices import Parameterisation, find_standard_rows
 from symid.lessons.textbook import Book, get_book, write_name, write_symbol
 from symid.robot import Robot
 
@@ -60,24 +70,21 @@ _FUNCTIONS = (
     *("mass_matrix", "coriolis_matrix", "gravity", "inverse_dynamics"),
     *("energy", "jacobian", "torque_regressor"),
 )
-_MATRICES = ("mass", "gravity", "kinetic", "potential", "torque", "coriolis")
+_LETTERS = ("mass", "gravity", "kinetic", "potential", "torque", "coriolis", "coordinates", "angle")
 _SPRING_FUNCTIONS = ("hysteresis_step", "hysteresis_inverse_step")
 _TICK = '<span class="tick" aria-hidden="true">\N{CHECK MARK}</span>'
 _LONG_CELL = 40
 _MOST_KINDS = 8
-_STAND_INS = (
-    "The file has no inertial values: the numbers on this page are those of stand-in links, rods of 3 kg and "
-    "less."
+_LEADS = (
+    "Letters as in {0}.",
+    "The file has no inertial values: numbers are those of stand-in links, rods of 3 kg and less.",
+    "The formulas do not depend on them.",
+    "Every formula was derived exactly from the robot file and checked by a second derivation.",
 )
-_NOT_THE_FORMULAS = "The formulas do not depend on them."
-_LEAD = (
-    "Every formula was derived exactly from the robot file and checked by a second derivation. Numbers "
-    "beside formulas are those at the posture of the sliders."
-)
+_POSTURE = "Numbers beside formulas are those at the posture of the sliders."
 _LONGEST_LINE = 66
 """Letters of a formula in a line of a notebook, without its commands."""
 _SECONDS = 600
-_NOTEBOOK_LEAD = "Every formula was derived exactly from the robot file and checked by a second derivation."
 _CELLS = "The cells between the chapters compute with the same objects in SymPy: change them."
 MOTION_RATE = 50.0
 """Hz, of the samples that the page's script takes of a motion."""
@@ -108,6 +115,7 @@ def write_lesson(
     tex: bool = False,
     exercises: int = 0,
     seed: int = 0,
+    alone: bool = False,
     logged: LoggedMotion | None = None,
     language: str = "en",
     title: str = "",
@@ -115,13 +123,15 @@ def write_lesson(
 ) -> LessonPage:
     """Return the lesson on `robot` as a page, or as a document for pdflatex; `seed` draws its exercises.
 
-    `title` is by default of the robot; `logged` is offered among the motions whose information the page
-    shows. A RobotError says that a symbolic length has no value.
+    `title` is by default of the robot; `alone` leaves the derivation out; `logged` is offered among the
+    motions whose information the page shows. A RobotError says that a symbolic length has no value.
     """
     lesson, words = build_lesson(robot, book, form, language), load_words(language)
-    lesson = replace(lesson, title=title, author=author)
+    what = "{0}: exercises" if alone else "{0}: equation of motion"
+    lesson = replace(lesson, title=title or words(what).format(robot.name), author=author)
     drawn = draw_exercises(lesson, exercises, np.random.default_rng(seed), words)
-    text = _write_document(lesson, drawn, words) if tex else _write_page(lesson, drawn, logged, words)
+    write = _write_document if tex else _write_page
+    text = write(lesson, drawn, logged, words, alone=alone)
     if not drawn:
         return LessonPage(text=text)
     answers = ""
@@ -130,29 +140,54 @@ def write_lesson(
     letter, own = lesson.book.angle, get_book(lesson.book.name).angle
     angle = None if letter == own else letter.removeprefix("\\")
     settings = {"exercises": exercises, "seed": seed, "parameters": form, "notation": lesson.book.name}
-    sheet = write_sheet(robot.name, drawn, {**settings, "angle": angle, "lang": language}, words)
+    sheet = write_sheet(lesson, drawn, {**settings, "angle": angle, "lang": language}, words)
     return LessonPage(text=text, answers=answers, sheet=sheet)
 
 
-def _write_page(lesson: Lesson, drawn: Sequence[Exercise], logged: LoggedMotion | None, words: Words) -> str:
+def _write_leads(lesson: Lesson, words: Words) -> str:
+    """Return the sentences below the title: letters, links without values, what was checked."""
+    given = (bool(lesson.book.title), lesson.stand_ins, lesson.stand_ins, True)
+    return " ".join(words(text).format(lesson.book.title) for text in compress(_LEADS, given))
+
+
+def _write_exercises(lesson: Lesson, drawn: Sequence[Exercise], page: str) -> Chapter:
+    """Return the chapter on exercises; `page` is not empty for one where answers are typed."""
+    # How letters with marks are typed, one of each kind: of composite bodies, gravity and momenta.
+    robot, book = lesson.robot, lesson.book
+    slides, kinds = list_slides(robot), dict[str, str]()
+    for name in map(str, lesson.model.algebra.ring.symbols):
+        shown = write_symbol(name, book, slides)
+        if shown.startswith(("{}^", r"\overline", r"\ell", r"\dot", r"\ddot")):
+            kind = re.sub(r"\d", "", name)
+            kinds.setdefault(kind, f"${shown}$ `{write_name(name, book, slides)}`")
+    letters = ", ".join([*kinds.values()][:_MOST_KINDS]) if page else ""
+    example = find_example(lesson)
+    chapter = fill_chapter(
+        "exercises",
+        book,
+        page=page and not example,
+        shown=page and example,
+        short=example.replace("*", " "),
+        letters=letters,
+        values=", ".join(f"${name} = {value}$" for name, value in list_values(lesson, drawn)),
+    )
+    return translate_chapter(chapter, lesson.language)
+
+
+def _write_page(
+    lesson: Lesson, drawn: Sequence[Exercise], logged: LoggedMotion | None, words: Words, *, alone: bool
+) -> str:
     robot, book, chapters = lesson.robot, lesson.book, lesson.chapters
     if lesson.beta:
         taken = ", " if logged is None else f", or take the one of `{logged.name}`, "
-        chapters = (*chapters, translate_chapter(fill_chapter("identification", book, taken=taken), words))
+        motion = fill_chapter("identification", book, taken=taken)
+        chapters = (*chapters, translate_chapter(motion, lesson.language))
     if drawn:
-        # How letters with marks are typed, one of each kind: of composite bodies, gravity and momenta.
-        slides, kinds = list_slides(robot), dict[str, str]()
-        for name in map(str, lesson.model.algebra.ring.symbols):
-            shown = write_symbol(name, book, slides)
-            if shown.startswith(("{}^", r"\overline", r"\ell", r"\dot", r"\ddot")):
-                kind = re.sub(r"\d", "", name)
-                kinds.setdefault(kind, f"${shown}$ `{write_name(name, book, slides)}`")
-        letters = ", ".join([*kinds.values()][:_MOST_KINDS])
-        chapters = (*chapters, translate_chapter(fill_chapter("exercises", book, letters=letters), words))
+        chapters = (*chapters, _write_exercises(lesson, drawn, "page"))
     folder = locate_resource_folder("templates") / "lesson"
     numbers = count(1)
     sections, contents = [], ""
-    for place, chapter in enumerate(chapters, start=1):
+    for place, chapter in enumerate(chapters[-1:] if alone else chapters, start=1):
         body = "\n".join(_write_item(item, numbers, words) for item in chapter.items)
         title = escape(chapter.title)
         heading = f'<h2><span class="count">{place}</span>{title}</h2>'
@@ -161,10 +196,6 @@ def _write_page(lesson: Lesson, drawn: Sequence[Exercise], logged: LoggedMotion 
     file = Path(robot.path).name or robot.name
     # Formulas with values as JavaScript, each after those that it needs.
     items = [item for chapter in chapters for item in list_items(chapter.items) if item.name and item.code]
-    lead = f"{escape(words('Letters as in {0}.').format(book.title))} " if book.title else ""
-    if lesson.stand_ins:
-        lead += f"<strong>{escape(words(_STAND_INS))}</strong> {escape(words(_NOT_THE_FORMULAS))} "
-    lead += escape(words(_LEAD))
     # The motion of the log: q, dq, ddq of each sample, to 1e-6 of the SI unit.
     log = None
     if logged is not None:
@@ -185,6 +216,7 @@ def _write_page(lesson: Lesson, drawn: Sequence[Exercise], logged: LoggedMotion 
         entries = [f'"{key}": {_write_json(text)}' for key, text in texts.items()]
         entries += [f'"formula": (v) => {one.code}'] if one.code else []
         entries += [] if one.number is None else [f'"number": {one.number!r}']
+        entries += [f'"joint": {one.joint}, "given": {_write_json(one.given)}'] if one.joint else []
         asked.append(f"{{ {', '.join(entries)} }}")
 
     def read(name: str) -> str:
@@ -203,11 +235,11 @@ def _write_page(lesson: Lesson, drawn: Sequence[Exercise], logged: LoggedMotion 
 
     parts = {
         "LANG": lesson.language,
-        "TITLE": escape(lesson.title or words("{0}: equation of motion").format(robot.name)),
-        "NAME": escape(lesson.title or robot.name.replace("_", " ")),
+        "TITLE": escape(lesson.title),
         "AUTHOR": f"<p>{escape(lesson.author)}</p>" if lesson.author else "",
         "DESCRIPTION": escape(robot.description),
-        "LEAD": lead,
+        "LEAD": escape(" ".join([_write_leads(lesson, words), *([] if alone else [words(_POSTURE)])])),
+        "FIRST": chapters[-1 if alone else 0].anchor,
         "CONTENTS": contents,
         "SECTIONS": "\n".join(sections),
         "FOOT": escape(
@@ -295,6 +327,12 @@ def _write_item(item: Item, numbers: Iterator[int], words: Words) -> str:
 def _describe(lesson: Lesson) -> dict[str, object]:
     robot, book = lesson.robot, lesson.book
     symbols, slides = dict(robot.symbols), list_slides(robot)
+    # Where the frames of standard rows are, in those of the joints.
+    standard = find_standard_rows(robot) if book.standard else ()
+    rows = [
+        [[*(x.to_float(symbols) for x in row), y.to_float(symbols)] for row, y in zip(*places, strict=True)]
+        for places in ((far.rotation, far.translation) for _, far in standard)
+    ]
     return {
         "robot": robot.name,
         "joints": [
@@ -308,6 +346,7 @@ def _describe(lesson: Lesson) -> dict[str, object]:
                 "master": joint.mimic.master if joint.mimic else index,
                 "multiplier": float(joint.mimic.multiplier) if joint.mimic else 1.0,
                 "tip": list(find_tip(robot, index)),
+                "row": rows[index] if rows else None,
                 "latex": write_symbol(f"q{index + 1}", book, slides),
             }
             for index, joint in enumerate(robot.joints)
@@ -328,6 +367,7 @@ def _describe(lesson: Lesson) -> dict[str, object]:
         "reading": {
             **load_spelling(),
             "names": list_spellings(lesson),
+            "closed": list_closed(lesson),
             "joints": robot.size,
             "turning": [k for k, joint in enumerate(robot.joints, start=1) if not joint.prismatic],
         },
@@ -336,7 +376,7 @@ def _describe(lesson: Lesson) -> dict[str, object]:
             {"name": card.name, "value": card.value or 0.0, "unit": card.unit}
             for card in list_spring_parameters(robot)
         ],
-        "letters": {name: getattr(book, name) for name in _MATRICES},
+        "letters": {name: getattr(book, name) for name in _LETTERS},
         "stops": [len(joint.elasticity.stops) if joint.elasticity else 0 for joint in robot.axes],
         "cubic": [bool(joint.elasticity and joint.elasticity.cubic) for joint in robot.axes],
         "rotors": [joint.drive.rotor_inertia or 0.0 for joint in robot.axes],
@@ -348,23 +388,33 @@ def _describe(lesson: Lesson) -> dict[str, object]:
 _TEX_MARKS = str.maketrans(
     {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
     | {mark: rf"\{mark}" for mark in "&%#_{}$"}
-    | {"\N{SUPERSCRIPT TWO}": "$^2$", "\N{MINUS SIGN}": "-"}
+    | {"\N{SUPERSCRIPT TWO}": "$^2$", "\N{MINUS SIGN}": "$-$", "\N{MULTIPLICATION SIGN}": r"$\times$"}
 )
+_TEX_LANGUAGES = {
+    "en": "",
+    # Umlauts as letters, hyphens where the system has those of the language; quotes are those of the text.
+    "de": r"""\usepackage[T1]{fontenc}
+\IfFileExists{lmodern.sty}{\usepackage{lmodern}}{}
+\IfFileExists{ngerman.ldf}{\usepackage[ngerman,shorthands=off]{babel}}{}
+""",
+}
 
 
-def _write_document(lesson: Lesson, drawn: Sequence[Exercise], words: Words) -> str:
+def _write_document(
+    lesson: Lesson, drawn: Sequence[Exercise], _: LoggedMotion | None, words: Words, *, alone: bool
+) -> str:
     """Return the lesson in LaTeX, with a question and room for what is written by hand for each exercise."""
-    title = _write_tex(lesson.title or words("{0}: equation of motion").format(lesson.robot.name))
     names = r"\\ ".join(filter(None, (_write_tex(lesson.author), f"symid {__version__}")))
     head = (locate_resource_folder("templates") / "lesson" / "head.tex").read_text(encoding="utf-8")
-    parts = [head.replace("CHECKED", words("Checked")), rf"\title{{{title}}}\author{{{names}}}"]
-    parts += [r"\date{}\maketitle", _write_tex(lesson.robot.description)]
-    for chapter in lesson.chapters:
+    head = head.replace("CHECKED", words("Checked")).replace("LANGUAGE", _TEX_LANGUAGES[lesson.language])
+    parts = [head, rf"\title{{{_write_tex(lesson.title)}}}\author{{{names}}}"]
+    parts += [r"\date{}\maketitle", *map(_write_tex, (lesson.robot.description, _write_leads(lesson, words)))]
+    chapters = () if alone else lesson.chapters
+    for chapter in (*chapters, *([_write_exercises(lesson, drawn, "")] if drawn else [])):
         parts.append(rf"\section{{{_write_tex(chapter.title)}}}")
         parts += map(_write_tex_item, chapter.items)
     if drawn:
         asked = "\n".join(rf"\item {_write_tex(one.prompt)}\vspace{{25mm}}" for one in drawn)
-        parts.append(rf"\section{{{words('Exercises')}}}")
         parts.append(r"\begin{enumerate}" + f"\n{asked}\n" + r"\end{enumerate}")
     return "\n\n".join([*filter(None, parts), r"\end{document}"]) + "\n"
 
@@ -417,16 +467,10 @@ def write_lesson_notebook(
     A GenerationError says that a cell failed.
     """
     lesson, words = build_lesson(robot, book, form, language), load_words(language)
-    made = (
-        "The file has no inertial values: numbers are those of stand-in links of 3 kg and less.",
-        "The formulas do not depend on them.",
-    )
-    letters = f" {words('Letters as in {0}.').format(book.title)}" if book.title else ""
     text = (
         f"# {_mark_text(title) or words('{0}: equation of motion').format(_mark_text(robot.name))}\n\n"
         + f"{_mark_text(author)}\n\n" * bool(author)
-        + f"{_mark_text(robot.description)}.\n\n{words(_NOTEBOOK_LEAD)}{letters} {words(_CELLS)}\n\n"
-        + (f"**{words(made[0])}** {words(made[1])}\n\n" if lesson.stand_ins else "")
+        + f"{_mark_text(robot.description)}.\n\n{_write_leads(lesson, words)} {words(_CELLS)}\n\n"
         + words("Written by symid {0}. SI units throughout.").format(__version__)
     )
     kinds, numbers = [("markdown", text)], count(1)

@@ -15,7 +15,7 @@ const readFormula = (text, reading, say = fillIn) => {
   const stop = (message, ...values) => { throw new Error(say(message, ...values)); };
   if (text.length > reading.longest) stop("the formula is longer than {0} letters", reading.longest);
   const tokens = rewriteFormula(text, reading).match(new RegExp(reading.token, "g")) || [];
-  const node = (kind, ...parts) => ({ kind, text: "", parts }), leaf = (kind, word) => ({ kind, text: word, parts: [] });
+  const node = (kind, ...parts) => ({ kind, text: "", parts, typed: "" }), leaf = (kind, word, typed = "") => ({ kind, text: word, parts: [], typed });
   let at = 0, depth = 0;
   const take = (...wanted) => (wanted.includes(tokens[at]) ? tokens[at++] : "");
   const sum = () => { let left = product(); for (let sign = take("+", "-"); sign; sign = take("+", "-")) left = node(sign, left, product()); return left; };
@@ -58,7 +58,7 @@ const readFormula = (text, reading, say = fillIn) => {
     }
     if (/^[A-Za-z]/.test(first)) {
       const known = (word) => (Object.hasOwn(reading.names, word) ? reading.names[word] : undefined);
-      return leaf("letter", known(first) || known(first.replaceAll("_", "")) || first);
+      return leaf("letter", known(first) || known(first.replaceAll("_", "")) || first, first);
     }
     return stop('"{0}" was not expected', first);
   };
@@ -66,7 +66,14 @@ const readFormula = (text, reading, say = fillIn) => {
   if (at < tokens.length) stop('"{0}" was not expected', tokens[at]);
   return whole;
 };
-const listLetters = (tree) => [...(tree.kind === "letter" ? [tree.text] : []), ...tree.parts.flatMap(listLetters)];
+const listLetters = (tree) => [...(tree.kind === "letter" ? [tree] : []), ...tree.parts.flatMap(listLetters)];
+// The joints of a sine or cosine such as c12, with the n of a minus; nothing of another letter.
+const readWave = (name, reading) => {
+  const match = new RegExp(reading.wave).exec(name);
+  return match ? [...match[2].matchAll(reading.joints < 10 ? /(n?)(\d)/g : /(n?)(\d+)/g)] : [];
+};
+// The numbers of the joints whose coordinates, sines or cosines a formula has.
+const listJoints = (tree, reading) => listLetters(tree).flatMap(({ text }) => (/^q\d+$/.test(text) ? [Number(text.slice(1))] : readWave(text, reading).map(([, , joint]) => Number(joint))));
 const OPERATIONS = { "+": (a, b) => a + b, "-": (a, b) => a - b, "*": (a, b) => a * b, "/": (a, b) => a / b, "^": (a, b) => a ** b };
 // A formula of numbers alone; null where it has letters, roots or powers.
 const readRational = (tree) => {
@@ -93,9 +100,9 @@ const evaluateFormula = (tree, v, reading, say = fillIn) => {
     if (part.kind === "number") return Number(part.text);
     if (part.kind === "letter") {
       if (Object.hasOwn(v, part.text)) return v[part.text];
-      const match = new RegExp(reading.wave).exec(part.text);
-      if (!match) stop('"{0}" is no letter of this lesson', part.text);
-      return wave(match[1], [...match[2].matchAll(reading.joints < 10 ? /(n?)(\d)/g : /(n?)(\d+)/g)]);
+      const joints = readWave(part.text, reading);
+      if (!joints.length) stop('"{0}" is no letter of this lesson', part.typed);
+      return wave(part.text[0], joints);
     }
     if (part.kind === "sqrt") {
       const number = readRational(part.parts[0]);
@@ -111,21 +118,22 @@ const evaluateFormula = (tree, v, reading, say = fillIn) => {
   return value(tree);
 };
 // A number as a formula of numbers, and of letters with values.
-const evaluateNumber = (tree, values, say = fillIn) => {
+const evaluateNumber = (tree, values, reading, say = fillIn) => {
   if (tree.kind === "number") return Number(tree.text);
   if (tree.kind === "letter") {
-    if (!Object.hasOwn(values, tree.text)) throw new Error(say('"{0}" has no value in this lesson', tree.text));
-    return values[tree.text];
+    if (Object.hasOwn(values, tree.text)) return values[tree.text];
+    if (/^d{0,2}q\d+$/.test(tree.text) || readWave(tree.text, reading).length) throw new Error(say('put in the numbers of the question for "{0}"', tree.typed));
+    throw new Error(say('"{0}" has no value in this lesson', tree.typed));
   }
-  const parts = tree.parts.map((part) => evaluateNumber(part, values, say));
+  const parts = tree.parts.map((part) => evaluateNumber(part, values, reading, say));
   const value = FUNCTIONS.includes(tree.kind) ? Math[tree.kind](parts[0]) : OPERATIONS[tree.kind](...parts);
   if (!Number.isFinite(value)) throw new Error(say("the formula has no finite value"));
   return value;
 };
 // Whether a typed formula equals the answer at random points that `draw` gives.
-const compareFormula = (typed, answer, formulas, draw, reading, say = fillIn) => {
-  const tree = readFormula(typed, reading, say), letters = listLetters(tree);
-  for (const [name, formula] of formulas) if (String(formula) === String(answer) && letters.includes(name)) throw new Error(say('"{0}" is what is asked for', name));
+const compareFormula = (typed, answer, draw, reading, say = fillIn) => {
+  const tree = readFormula(typed, reading, say);
+  for (const letter of listLetters(tree)) if (reading.closed.includes(letter.text)) throw new Error(say('write out what "{0}" stands for', letter.typed));
   for (let trial = 0; trial < 8; trial += 1) {
     const v = draw(), right = answer(v);
     if (!(Math.abs(evaluateFormula(tree, v, reading, say) - right) <= 1e-9 * Math.max(1, Math.abs(right)))) return false;

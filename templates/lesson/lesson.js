@@ -32,16 +32,19 @@ const draw = (parent, tag, attributes = {}, text = "") => {
   parent.append(node);
   return node;
 };
+// Numbers with a minus sign, and the decimal mark of the language.
+const typeset = (text) => text.replaceAll("-", "\u2212").replace(".", document.documentElement.lang === "de" ? "," : ".");
+const rough = (x) => typeset(x.toExponential(1));
 const show = (x) => {
   if (!Number.isFinite(x)) return "-";
   if (Math.abs(x) < 5e-13) return "0";
   const size = Math.abs(x);
   const text = size >= 1e5 || size < 1e-3 ? x.toExponential(2) : String(Number(x.toPrecision(4)));
-  return text.replaceAll("-", "\u2212");
+  return typeset(text);
 };
 const short = (x) => {
   if (Math.abs(x) < 5e-13) return "0";
-  return (Math.abs(x) < 1e-3 ? x.toExponential(0) : String(Number(x.toPrecision(2)))).replaceAll("-", "\u2212");
+  return typeset(Math.abs(x) < 1e-3 ? x.toExponential(0) : String(Number(x.toPrecision(2))));
 };
 const setTex = (node, latex, display = false) =>
   katex.render(latex, node, { displayMode: display, throwOnError: false, strict: "ignore", output: "htmlAndMathml" });
@@ -134,7 +137,16 @@ const project = ([x, y, z]) => {
   return [a, b * Math.sin(view.tilt) + z * Math.cos(view.tilt)];
 };
 let playing = null;
-const drawArm = (svg, { triads, labels, width, height }) => {
+// Frames of the joints, or those of the standard rows from the base on, each with its number.
+const listFrames = (poses, rows) => {
+  if (!rows) return poses.map((pose, k) => ({ ...pose, number: k + 1 }));
+  const placed = poses.map((pose, k) => {
+    const own = D.joints[k].row;
+    return { R: pose.R.map((row) => [0, 1, 2].map((j) => row[0] * own[0][j] + row[1] * own[1][j] + row[2] * own[2][j])), p: along(pose, own.map((row) => row[3])), number: k + 1 };
+  });
+  return [{ R: [[1, 0, 0], [0, 1, 0], [0, 0, 1]], p: [0, 0, 0], number: 0 }, ...placed];
+};
+const drawArm = (svg, { triads, rows, labels, width, height }) => {
   svg.replaceChildren();
   const q = playing ? playing.q() : state.q, poses = computePoses(q);
   const points = [[0, 0, 0], ...poses.map((pose, k) => along(pose, D.joints[k].tip)), ...poses.map((pose) => pose.p)];
@@ -181,18 +193,18 @@ const drawArm = (svg, { triads, labels, width, height }) => {
   const arm = reach * (triads ? 0.13 : 0.09);
   const taken = [];
   D.joints.forEach((joint, k) => {
-    const pose = poses[k], end = (x, y, z) => along(pose, [x * arm, y * arm, z * arm]);
-    const focus = playing && playing.joint === k;
-    if (triads || focus) line(end(0, 0, -1.3), end(0, 0, 1.3), { stroke: "var(--z)", "stroke-dasharray": "5 3", "stroke-width": focus ? 2.4 : 1 });
-    if (triads) {
-      line(pose.p, end(1, 0, 0), { stroke: "var(--x)", "stroke-width": 2.2 });
-      line(pose.p, end(0, 1, 0), { stroke: "var(--y)", "stroke-width": 1.6 });
-      line(pose.p, end(0, 0, 1), { stroke: "var(--z)", "stroke-width": 2.2 });
-    }
+    const pose = poses[k], focus = playing && playing.joint === k;
+    if (triads || focus) line(along(pose, [0, 0, -1.3 * arm]), along(pose, [0, 0, 1.3 * arm]), { stroke: "var(--z)", "stroke-dasharray": "5 3", "stroke-width": focus ? 2.4 : 1 });
     const [x, y] = place(joint.prismatic ? footOf(k, joint.parent < 0 ? [0, 0, 0] : poses[joint.parent].p) : pose.p);
     draw(svg, joint.prismatic ? "rect" : "circle", joint.prismatic
       ? { x: (x - 5).toFixed(1), y: (y - 5).toFixed(1), width: 10, height: 10, fill: "var(--ground)", stroke: "var(--accent)", "stroke-width": 2 }
       : { cx: x.toFixed(1), cy: y.toFixed(1), r: 5, fill: "var(--ground)", stroke: "var(--accent)", "stroke-width": 2 });
+  });
+  for (const pose of triads ? listFrames(poses, rows) : []) {
+    const end = (x, y, z) => along(pose, [x * arm, y * arm, z * arm]);
+    line(pose.p, end(1, 0, 0), { stroke: "var(--x)", "stroke-width": 2.2 });
+    line(pose.p, end(0, 1, 0), { stroke: "var(--y)", "stroke-width": 1.6 });
+    line(pose.p, end(0, 0, 1), { stroke: "var(--z)", "stroke-width": 2.2 });
     if (labels) {
       const write = (point, text, colour) => {
         let [u, w] = place(point);
@@ -201,10 +213,10 @@ const drawArm = (svg, { triads, labels, width, height }) => {
         taken.push([u, w]);
         draw(svg, "text", { x: Math.min(Math.max(u, 2), width - 18).toFixed(1), y: Math.min(Math.max(w, 12), height - 4).toFixed(1), style: `fill: ${colour}; font-weight: 600` }, text);
       };
-      write(end(1.15, 0, 0), `x${k + 1}`, "var(--x)");
-      write(end(0, 0, 1.15), `z${k + 1}`, "var(--z)");
+      write(end(1.15, 0, 0), `x${pose.number}`, "var(--x)");
+      write(end(0, 0, 1.15), `z${pose.number}`, "var(--z)");
     }
-  });
+  }
   if (playing && playing.kind) {
     const pose = poses[playing.joint], ball = along(pose, [0, 0, arm * 0.9]);
     const [x, y] = place(ball);
@@ -345,10 +357,10 @@ const legend = (entries) => {
 // Widgets, each with what it does when the posture changes.
 const updates = [];
 const widget = (name, build) => { for (const node of document.querySelectorAll(`.widget[data-widget="${name}"]`)) build(node); };
-widget("frames", (node) => {
-  addPicture(node, "Frames of all links; drag or use the arrow keys to turn them", { width: 680, height: 400, triads: true, labels: D.joints.length < 9 });
-  const note = make("p", { class: "caption" }, "x red, y green, z blue; circles: revolute joints, squares: prismatic joints. Drag the picture to turn it; sliders move the joints.");
-  node.append(note);
+for (const [name, label, text] of [["rows", "Frames of the table; drag or use the arrow keys to turn them", "The frames of the table and of the matrices A."], ["frames", "Frames of all links; drag or use the arrow keys to turn them", ""]]) widget(name, (node) => {
+  addPicture(node, label, { width: 680, height: 400, triads: true, rows: name === "rows", labels: D.joints.length < 9 });
+  const note = tr("x red, y green, z blue; circles: revolute joints, squares: prismatic joints. Drag the picture to turn it; sliders move the joints.");
+  node.append(make("p", { class: "caption" }, text ? `${tr(text)} ${note}` : note));
 });
 const heat = (node, rows, title, unit) => {
   const most = Math.max(1e-12, ...rows.flat().map(Math.abs)), box = make("div", { class: `heat${rows.length > 5 ? " many" : ""}`, role: "img", "aria-label": title, tabindex: rows.length > 8 ? 0 : -1, style: `grid-template-columns: repeat(${rows[0].length}, minmax(${rows.length > 8 ? "2.7rem" : "0"}, 1fr))` });
@@ -393,7 +405,8 @@ widget("skew", (node) => updates.push((now) => {
   const S = square(slope.map((value, k) => value - 2 * C[k]), N);
   let worst = 0;
   S.forEach((row, i) => row.forEach((value, j) => { worst = Math.max(worst, Math.abs(value + S[j][i])); }));
-  heat(node, S.map((row) => row.map((x) => (Math.abs(x) < 1e-8 ? 0 : x))), "dM/dt \u2212 2C at this posture and these velocities, dM/dt by differences", `; its largest deviation from skew: ${worst.toExponential(1)}`);
+  const [M, C2] = [L.mass, L.coriolis].map(plain);
+  heat(node, S.map((row) => row.map((x) => (Math.abs(x) < 1e-8 ? 0 : x))), `d${M}/dt \u2212 2${C2} at this posture and these velocities, d${M}/dt by differences`, `; its largest deviation from skew: ${rough(worst)}`);
 }));
 const determinant = (matrix) => {
   const a = matrix.map((row) => [...row]);
@@ -442,7 +455,7 @@ widget("energy", (node) => {
     for (const point of curves[3]) { if (Number.isNaN(point[1])) { if (part.length) dashed.push(part); part = []; } else part.push(point); }
     if (part.length) dashed.push(part);
     plot(svg, [{ points: curves[0], colour: "var(--accent)" }, { points: curves[1], colour: "var(--warm)" }, { points: curves[2], colour: "var(--ink)", wide: 1.4 }, ...dashed.map((points) => ({ points, colour: "var(--green)", wide: 4.5, fade: 0.8 }))], { height: 280, x: "time, s", y: "energy, J" });
-    note.textContent = translate(`Motion from this posture, torques of generated code. Work and energy differ by at most ${worst.toExponential(1)} J, of ${show(most)} J.`);
+    note.textContent = translate(`Motion from this posture, torques of generated code. Work and energy differ by at most ${rough(worst)} J, of ${show(most)} J.`);
   });
 });
 
@@ -466,7 +479,7 @@ const update = () => {
   numbers.kinetic.textContent = `${show(T[0])} J`;
   numbers.potential.textContent = `${show(V[0])} J`;
   numbers.manipulability.textContent = show(now.manipulability);
-  numbers.agreement.textContent = worst === 0 ? "0" : worst.toExponential(1);
+  numbers.agreement.textContent = worst === 0 ? "0" : rough(worst);
   for (const one of updates) one(now);
   for (const picture of pictures) picture();
   window.lesson = { ...window.lesson, state, values: v, mass: now.M, gravity: Array.from(now.g), worst, move, springs };
@@ -616,7 +629,7 @@ const startSprings = () => {
       // The inverse goes along the torques of the trail; where it ends is compared.
       let Q = new Float64Array(total), phi = 0;
       for (const [, torque] of one.trail) { const tau = D.stops.map((_, k) => (k === one.joint ? torque : 0)), found = F.hysteresis_inverse_step(tau, ...(total ? [Q] : []), h); Q = found.Q_next ? Float64Array.from(found.Q_next) : Q; phi = (found.phi || found)[one.joint]; }
-      note.textContent = translate(`Checked: along the torques of the motion above, the generated inverse comes to ${show(1000 * phi)} mrad; the torsion is ${show(1000 * one.phi[one.joint])} mrad, difference ${Math.abs(phi - one.phi[one.joint]).toExponential(1)} rad.`);
+      note.textContent = translate(`Checked: along the torques of the motion above, the generated inverse comes to ${show(1000 * phi)} mrad; the torsion is ${show(1000 * one.phi[one.joint])} mrad, difference ${rough(Math.abs(phi - one.phi[one.joint]))} rad.`);
     });
   });
   const R = reach();
@@ -624,6 +637,8 @@ const startSprings = () => {
   redraws.push(() => { if (one.shown) one.shown.set(one.phi[one.joint]); });
   redraw();
 };
+// Where joints have the letter theta, that of a motor has an index.
+const LINK = L.coordinates.replace("\\Theta", "\u0398").replace("\\theta", "\u03b8"), MOTOR = L.angle.includes("theta") ? "\u03b8\u2098" : "\u03b8";
 widget("sides", (node) => {
   const svg = draw(node, "svg", { viewBox: "0 0 640 150", role: "img", "aria-label": "Motor, spring and link" });
   const put = (tag, attributes, text) => draw(svg, tag, { stroke: "var(--accent)", fill: "none", "stroke-width": 2, ...attributes }, text);
@@ -631,7 +646,7 @@ widget("sides", (node) => {
   put("polyline", { points: "152,75 190,75 200,55 220,95 240,55 260,95 280,55 300,95 310,75 350,75", stroke: "var(--ink)" });
   put("rect", { x: 350, y: 55, width: 200, height: 40, rx: 20 });
   put("circle", { cx: 370, cy: 75, r: 5 });
-  for (const [x, y, text] of [[85, 140, "motor, \u03b8, I\u2090"], [205, 125, "torsion \u03c6 = \u03b8 \u2212 q"], [400, 125, "link, q"], [12, 50, "\u03c4\u2098"], [222, 40, "\u03c4_J".replace("_J", "\u2c7c")]]) draw(svg, "text", { x, y, style: "font-size: 15px" }, text);
+  for (const [x, y, text] of [[85, 140, `motor, ${MOTOR}, I\u2090`], [205, 125, `torsion \u03c6 = ${MOTOR} \u2212 ${LINK}`], [400, 125, `link, ${LINK}`], [12, 50, "\u03c4\u2098"], [222, 40, "\u03c4_J".replace("_J", "\u2c7c")]]) draw(svg, "text", { x, y, style: "font-size: 15px" }, text);
   put("path", { d: "M 58 95 A 56 56 0 0 1 58 55", stroke: "var(--warm)" });
 });
 
@@ -652,10 +667,14 @@ widget("exercises", (node) => LESSON_EXERCISES.forEach((one, place) => {
   const input = make("input", { type: "text", "aria-label": `Answer ${place + 1}`, autocomplete: "off", spellcheck: "false" });
   box.append(input, " ");
   // The unit that the answer shows behind it may be typed too.
-  const words = one.note && one.note.trim().split(/\s+/).map((x) => x.replace(/[^\w\s]/g, "\\$&")).join("\\s*");
-  const bare = () => words ? input.value.replace(new RegExp(`\\s*${words}\\s*$`), "") : input.value;
+  const unit = one.note.split(" ").join("\\s*"), bare = () => unit ? input.value.replace(new RegExp(`\\s*(?:${unit}|\\(${unit}\\))\\s*$`), "") : input.value;
   const check = () => {
-    try { say(one.number === undefined ? compareFormula(bare(), one.formula, LESSON_FORMULAS, drawPoint, D.reading, tr) : Math.abs(evaluateNumber(readFormula(bare(), D.reading, tr), D.values, tr) - one.number) <= 0.01 * Math.max(0.01, Math.abs(one.number))); } catch (error) { say(false, error.message); }
+    try {
+      const tree = readFormula(bare(), D.reading, tr);
+      if (one.number !== undefined) { say(Math.abs(evaluateNumber(tree, D.values, D.reading, tr) - one.number) <= 0.01 * Math.max(0.01, Math.abs(one.number))); return; }
+      const right = compareFormula(bare(), one.formula, drawPoint, D.reading, tr), asked = !right && listJoints(tree, D.reading).includes(one.joint);
+      say(right, asked && `${tr("not yet")}; ${tr("put in {0}", one.given.replaceAll("-", "\u2212"))}`);
+    } catch (error) { say(false, error.message); }
   };
   button.addEventListener("click", check);
   input.addEventListener("keydown", (event) => { if (event.key === "Enter") check(); });

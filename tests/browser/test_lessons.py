@@ -168,9 +168,12 @@ def test_exercises_are_marked(browser, tmp_path):
                 (right, "right"),
                 (right.replace("*", " ").replace("  ", "^"), "right"),
                 (f"{right} + 0.001", "not yet"),
+                ("cos(q1) cos(q2)", "not yet; put in q"),
+                ("h", 'write out what "h" stands for'),
                 (f"{right} + (", "the formula is not finished"),
             ):
-                assert browser.run(answer % (place, typed)) == verdict
+                found = browser.run(answer % (place, typed))
+                assert found == verdict or (verdict.endswith(" q") and found.startswith(verdict))
             assert "no letter of this lesson" in browser.run(answer % (place, "xyzzy"))
             marked += 1
     assert marked
@@ -179,7 +182,9 @@ def test_exercises_are_marked(browser, tmp_path):
     note = browser.run(f"LESSON_EXERCISES[{place}].note")
     for typed in (f"{number:.4g}", f"{number:.4g} {note}", f"{number:.4g}{note.replace(' ', '')}"):
         assert browser.run(answer % (place + 1, typed)) == "right"
+    assert browser.run(answer % (place + 1, f"{number:.4g} ({note})")) == "right"
     assert browser.run(answer % (place + 1, f"{number * 1.05:.4g}")) == "not yet"
+    assert browser.run(answer % (place + 1, "q1")) == 'put in the numbers of the question for "q1"'
     # On paper everything that folds is open but the answers, which are not there.
     browser.run("window.dispatchEvent(new Event('beforeprint'))")
     opened = (
@@ -226,6 +231,48 @@ def test_a_german_page_has_no_english_on_it(browser, tmp_path, name):
     for typed, verdict in (("(", "nicht zu Ende"), ("xyzzy", "kein Formelzeichen"), ("0", "noch nicht")):
         browser.run(f"{box}.querySelector('input').value = {typed!r}; {box}.querySelector('button').click()")
         assert verdict in browser.run(f"{box}.querySelector('.verdict').textContent")
+
+
+ROW = '[[joint]]\nkind = "{}"\nalpha = {}\na = {}\nd = {}\n'
+ROWS = (("revolute", -np.pi / 2, 0.1, 0.3), ("revolute", np.pi / 2, 0.25, 0.15), ("prismatic", 0.4, 0.2, 0.1))
+
+
+def test_the_frames_of_the_table_are_drawn_where_the_matrices_say(browser, tmp_path):
+    """Products of A = Rz(theta) Tz(d) Tx(a) Rx(alpha) in NumPy, from the base on."""
+    text = 'name = "arm"\nconvention = "standard"\ngravity = [0, 0, -9.81]\n'
+    (tmp_path / "arm.toml").write_text(text + "".join(ROW.format(*row) for row in ROWS))
+    robot = symid.load(tmp_path / "arm.toml")
+    browser.size(1280, 900)
+    browser.open(robot.write_lesson(tmp_path / "a.html", notation="siciliano", lang="de").path)
+    q = [0.3, -0.7, 0.2]
+    browser.run(f"window.lesson.move({q})")
+    drawn = browser.run("listFrames(computePoses(window.lesson.state.q), true)")
+    assert [one["number"] for one in drawn] == [0, 1, 2, 3]
+    pose = np.eye(4)
+    for one, (kind, alpha, a, d), angle in zip(drawn[1:], ROWS, q, strict=True):
+        turn, move = (0.0, d + angle) if kind == "prismatic" else (angle, d)
+        (ct, st), (ca, sa) = ((np.cos(x), np.sin(x)) for x in (turn, alpha))
+        pose = pose @ np.array(
+            [
+                [ct, -st * ca, st * sa, a * ct],
+                [st, ct * ca, -ct * sa, a * st],
+                [0, sa, ca, move],
+                [0, 0, 0, 1],
+            ]
+        )
+        assert np.abs(np.array(one["R"]) - pose[:3, :3]).max() < 1e-9
+        assert np.abs(np.array(one["p"]) - pose[:3, 3]).max() < 1e-9
+    shown = browser.run("[...document.querySelectorAll('.widget svg')].slice(0, 2).map((x) => x.textContent)")
+    assert ["x0" in text for text in shown] == [True, False]
+    texts = browser.run("document.querySelector('[data-widget=skew]').textContent")
+    assert "dB/dt \N{MINUS SIGN} 2C in dieser Stellung" in texts
+    # Numbers beside formulas have commas.
+    values = browser.run("[...document.querySelectorAll('.value')].map((x) => x.textContent)")
+    assert any("," in value for value in values)
+    assert not any("." in value or "-" in value for value in values)
+    # Other notations have modified rows alone, and one drawing.
+    browser.open(robot.write_lesson(tmp_path / "b.html", notation="craig").path)
+    assert browser.run("document.querySelectorAll('[data-widget=rows]').length") == 0
 
 
 LINES = (

@@ -13,7 +13,7 @@ const marks = vm.runInThisContext(`(({ lessons, attempt }) => lessons.map(({ rea
     for (const [name, formula] of known) v[name] = formula(v);
     return v;
   };
-  return cases.map(([typed, code]) => attempt(() => compareFormula(typed, new Function("v", "return " + code), [], draw, reading)));
+  return cases.map(([typed, code]) => attempt(() => compareFormula(typed, new Function("v", "return " + code), draw, reading)));
 }))`)({ lessons, attempt });
 const trees = vm.runInThisContext("(({ texts, attempt }) => texts.map(([text, reading]) => attempt(() => readFormula(text, reading))))")({ texts, attempt });
 process.stdout.write(JSON.stringify({ marks, trees }));

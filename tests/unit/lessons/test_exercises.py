@@ -1,7 +1,9 @@
 """Answers to exercises: right in any form, wrong by however little, or unreadable with the reason."""
 
+import math
 import re
 
+import numpy as np
 import pytest
 import sympy
 
@@ -10,7 +12,15 @@ from symid.cli.main import run
 from symid.lessons import get_book
 from symid.lessons.chapters import list_items
 from symid.lessons.dynamic_chapters import build_lesson
-from symid.lessons.exercises import build_comparison, evaluate_number, read_formula
+from symid.lessons.exercises import (
+    build_comparison,
+    draw_exercises,
+    evaluate_number,
+    list_joints,
+    list_spellings,
+    read_formula,
+    write_sheet,
+)
 from symid.robot import load_robot
 
 
@@ -76,7 +86,10 @@ def test_a_wrong_formula_is_wrong_by_however_little(comparison):
         ("9^9^9", "whole number up to 20"),
         ("m2^q1", "whole number up to 20"),
         ("1e999999999", "too large"),
-        ("g1_ + 0", '"g1_" is what is asked for'),
+        ("g1_ + 0", 'write out what "g1_" stands for'),
+        ("h s1", 'write out what "h" stands for'),
+        ("M_11 g", 'write out what "M_11" stands for'),
+        ("V", 'write out what "V" stands for'),
         ("sin " * 290 + "q1", "argument of sin in brackets"),
         ("sqrt(m2)", "sqrt takes a number"),
         ("(" * 100 + "m2" + ")" * 100, "nested more than 60 deep"),
@@ -136,7 +149,7 @@ def fill(lesson, change=None, *, whole=False):
     answers = re.findall(r"^   (.*)$", lesson.answers.read_text(encoding="utf-8"), re.MULTILINE)
     text = lesson.sheet.read_text(encoding="utf-8")
     for number, answer in enumerate(answers, start=1):
-        short = answer if whole else answer.removesuffix(" N m")
+        short = answer if whole else re.sub(r"(?<=\d) (N m|N|J)$", "", answer)
         text = text.replace(f"answer {number} =", f"answer {number} = {(change or {}).get(number, short)}")
     path = lesson.sheet.with_name("ann.txt")
     path.write_text(text, encoding="utf-8")
@@ -158,16 +171,30 @@ def test_sheets_are_right_with_the_answers_which_are_never_written_over(lesson):
 def test_marks_are_told_apart(lesson, capsys):
     """The notice is lesson.not-right."""
     robot, written = lesson
-    known = "I1 + I2 + L1^2 m2 +\n   m1 lc1 lc1 + m2 lc2 lc2"
-    wrong = {1: "m2 lc2 g c12", 2: "", 4: "3.85", 5: known, 6: "17", 8: "h(("}
+    asked = re.findall(r"^\d+\. (.*)$", written.sheet.read_text("utf-8"), re.MULTILINE)
+    assert "g1 at q2 = 180" in asked[0]
+    assert "c112 at q2 = 90" in asked[2]
+    known = "g c1 (L1 m2 +\n   m1 lc1 - lc2 m2)"
+    wrong = {1: known, 2: "", 3: "h + m2", 4: "2.0446", 5: "m2 lc2 g c12", 6: "4.8 (Nm)", 7: "", 8: "h(("}
     path = fill(written, wrong)
-    marks = [entry.mark for entry in robot.check_answers(path).answers]
-    assert marks == ["wrong", "empty", "right", "wrong", "right", "wrong", "right", "unreadable"]
+    entries = robot.check_answers(path).answers
+    marks = ["right", "empty", "unreadable", "wrong", "wrong", "right", "empty", "unreadable"]
+    assert [entry.mark for entry in entries] == marks
+    assert [entries[k].note for k in (2, 3, 4, 5)] == [
+        'write out what "h" stands for',
+        "2.0446 is more than one percent off",
+        "not equal to the answer; put in q2 = 180\N{DEGREE SIGN}",
+        "4.8, to one percent",
+    ]
     assert run(["derive", "two_link_symbols", "--check", str(path), "-q"]) == 1
     printed = capsys.readouterr()
-    assert "3 of 8 right" in printed.out
+    assert "2 of 8 right" in printed.out
+    assert "not answered" in printed.out
     assert "the formula is not finished" in printed.out
-    assert "5 of 8 answers are not right" in printed.err
+    assert "4 of 8 answers are not right; 2 of 8 not answered" in printed.err
+    for answer, note in (("4 g cos(q2)", '"q2"'), ("m2 g lc2 c12", '"c12"')):
+        (entry,) = [x for x in robot.check_answers(fill(written, {2: answer})).answers if x.mark != "right"]
+        assert (entry.mark, entry.note) == ("unreadable", f"put in the numbers of the question for {note}")
     assert run(["derive", "two_link", "--check", "a.txt", "--seed", "3"]) == 2
     assert "--seed: the sheet says how it was drawn" in capsys.readouterr().err
 
@@ -192,3 +219,129 @@ def test_a_sheet_of_another_robot_or_without_settings_is_refused(lesson):
         path.write_bytes(changed)
         with pytest.raises(symid.InputError, match=message):
             robot.check_answers(path)
+
+
+def test_messages_name_what_was_typed():
+    """In the notation of Siciliano the third joint of the arm is d3, and 2 q1 has two joints."""
+    comparison = build_comparison(build_lesson(load_robot("ppr"), get_book("siciliano")))
+    with pytest.raises(symid.InputError, match='numbers of the question for "d1"'):
+        evaluate_number(read_formula("3 d1", comparison.names), {})
+    with pytest.raises(symid.InputError, match='"q1x" is no letter'):
+        comparison.compare("q1x", "m2")
+    with pytest.raises(symid.InputError, match='what "B11" stands for'):
+        comparison.compare("B11", "m2")
+    tree = read_formula("c12 + sin(2 q3) + m4")
+    assert list_joints(tree, 4) == {1, 2, 3}
+
+
+@pytest.mark.parametrize(
+    "name", ["two_link_symbols", "two_link", "ppr", "two_link_elastic", "emps", "puma560"]
+)
+def test_numbers_follow_from_the_values_of_the_sheet_alone(name):
+    """The formulas of the lesson, with the values on the sheet, give the number that the recursion gave."""
+    robot = load_robot(name)
+    lesson = build_lesson(robot, get_book("symid"))
+    items = list_items([item for chapter in lesson.chapters for item in chapter.items])
+    codes = {item.name: item.code for item in items if item.name and item.code}
+    drawn = draw_exercises(lesson, 10, np.random.default_rng(5))
+    sheet = write_sheet(lesson, drawn, {"exercises": 10})
+    spelled = list_spellings(lesson)
+    values = {
+        spelled[name]: float(value)
+        for line in re.findall(r"^#   (.*)$", sheet, re.MULTILINE)
+        for name, value in (pair.split(" = ") for pair in line.split(", "))
+    }
+    size, kinds = robot.size, set()
+    for one in drawn:
+        if one.number is None:
+            continue
+        point = {
+            "Math": math,
+            **dict.fromkeys((f"{x}q{k + 1}" for k in range(size) for x in ("d", "dd")), 0.0),
+        }
+        for rate, numbers in re.findall(r"(d{0,2})q = \((.*?)\)", one.plain):
+            point |= {f"{rate}q{k}": float(x) for k, x in enumerate(numbers.split(", "), start=1)}
+
+        def take(name, point=point):
+            if name in codes and name not in values and name not in point:
+                return compute(codes[name], point)
+            return {**values, **point}[name]
+
+        def compute(code, point):
+            text = re.sub(r"v\.(\w+)", lambda match: f"take({match[1]!r})", code)
+            return eval(text.replace("Math", "math"), {"take": take, "math": math})  # noqa: S307  our own
+
+        kind, _, place = one.about.partition(" ")
+        i, others = int(place or 0) + 1, range(1, size + 1)
+        if kind == "energy":
+            found = take("T")
+        else:
+            found = take(f"g{i}_")
+            found += sum(
+                take(f"M{min(i, k)}_{max(i, k)}") * point[f"ddq{k}"] for k in others if kind == "start"
+            )
+            found += sum(take(f"C{i}_{k}") * point[f"dq{k}"] for k in others if kind == "speed")
+        assert found == pytest.approx(one.number, rel=1e-4, abs=1e-5), one.plain
+        kinds.add(kind)
+    assert kinds == (
+        {"rest"}
+        if name == "puma560"
+        else {"start", "energy"}
+        if name == "emps"
+        else {"rest", "start", "speed", "energy"}
+    )
+
+
+@pytest.mark.parametrize("name", ["two_link_symbols", "two_link", "rrp_twisted"])
+def test_exercises_ask_for_different_things(name):
+    drawn = draw_exercises(build(name), 8, np.random.default_rng(1))
+    assert len({one.about for one in drawn}) == 8
+    assert [one.number is None for one in drawn].count(True) == 4
+    kinds = [re.sub(r"[\d_]+", "", one.about) for one in drawn if one.number is None]
+    assert len({*kinds}) >= 3
+
+
+def test_files_that_exist_stay_without_force(tmp_path, capsys):
+    """The notices are output.exists and, of typed answers, output.answers."""
+    page, sheet = tmp_path / "a.html", tmp_path / "a.exercises.txt"
+
+    def derive(*options):
+        return run(["derive", "two_link", *map(str, options), "-q"])
+
+    assert derive("--html", page, "--exercises", 3, "--seed", 1) == 0
+    kept = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    assert derive("--html", page) == 3
+    assert "a.html: exists already; give another name, or --force" in capsys.readouterr().err
+    # The document of the same name has the same sheet, or is refused.
+    assert derive("--tex", tmp_path / "a.tex", "--exercises", 3, "--seed", 2) == 3
+    assert "a.exercises.txt: exists already, with other exercises" in capsys.readouterr().err
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == kept
+    assert derive("--tex", tmp_path / "a.tex", "--exercises", 3, "--seed", 1) == 0
+    assert sheet.read_bytes() == kept[sheet]
+    assert derive("--tex", tmp_path / "a.tex", "--exercises", 3, "--seed", 2, "--force") == 0
+    assert "--seed 2" in sheet.read_text("utf-8")
+    robot = symid.load("two_link")
+    with pytest.raises(symid.OutputError, match="other exercises"):
+        robot.write_lesson(page, exercises=3, seed=1)
+    assert robot.write_lesson(page, exercises=3, seed=1, force=True).sheet == sheet
+    sheet.write_text(sheet.read_text("utf-8").replace("answer 1 =", "answer 1 = 2"), encoding="utf-8")
+    assert derive("--html", page, "--exercises", 3, "--force") == 3
+    assert "answers that were typed" in capsys.readouterr().err
+    assert derive("--html", page, "--log", page, "--force") == 3
+    assert "is an input of this call" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["html", "tex"])
+def test_exercises_alone(tmp_path, kind, capsys):
+    target = tmp_path / f"a.{kind}"
+    given = ["derive", "two_link", f"--{kind}", str(target), "-q"]
+    assert run([*given, "--only-exercises"]) == 2
+    assert "say how many exercises" in capsys.readouterr().err
+    assert run([*given, "--only-exercises", "--exercises", "4"]) == 0
+    text = target.read_text("utf-8")
+    heads = re.findall(r"<h2>.*?</h2>|\\section\{.*?\}", text)
+    assert len(heads) == 1
+    assert "Exercises" in heads[0]
+    assert "two_link: exercises" in text.replace("\\", "")
+    whole = symid.load("two_link").write_lesson(tmp_path / "b.html", exercises=4)
+    assert whole.sheet.read_bytes() == (tmp_path / "a.exercises.txt").read_bytes()

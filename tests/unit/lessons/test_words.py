@@ -98,7 +98,8 @@ def test_a_german_sheet_is_marked(tmp_path, capsys):
     given = re.findall(r"^   (.*)$", answers.read_text(encoding="utf-8"), re.MULTILINE)
     assert "--lang de" in text
     for number, answer in enumerate(given, start=1):
-        short = answer.partition(":")[0].removesuffix(" N m").replace(".", ",")
+        assert "." not in answer
+        short = answer.removesuffix(" N m").removesuffix(" J")
         text = text.replace(f"Antwort {number} =", f"Antwort {number} = {short}")
     sheet.write_text(text, encoding="utf-8")
     capsys.readouterr()
@@ -115,7 +116,7 @@ def test_a_german_sheet_is_marked(tmp_path, capsys):
     answer = json.loads(capsys.readouterr().out)
     assert [entry["mark"] for entry in answer["result"]["answers"]][:2] == ["unreadable", "wrong"]
     assert answer["result"]["answers"][0]["note"] == "die Formel ist nicht zu Ende"
-    assert answer["errors"][0]["text"] == "4 von 4 Antworten sind nicht richtig"
+    assert answer["errors"][0]["text"] == "2 von 4 Antworten sind nicht richtig; 2 von 4 nicht beantwortet"
     assert "nicht lesbar" in str(robot.check_answers(english, lang="de"))
 
 
@@ -133,3 +134,57 @@ def test_a_document_has_exercises_in_its_language(tmp_path):
     assert r"\begin{enumerate}" not in english
     with pytest.raises(symid.UsageError, match="part of a page"):
         robot.write_lesson(tmp_path / "lesson.ipynb", exercises=4)
+
+
+def test_german_documents_have_german_letters_marks_and_numbers(tmp_path):
+    """Formulas as the English ones but for their decimal marks; T1 and babel at the head; no drawing told."""
+    robot = symid.load("rrp_twisted")
+    given = {"notation": "siciliano", "exercises": 6, "seed": 3}
+    german, english = (
+        robot.write_lesson(tmp_path / f"{lang}.tex", lang=lang, **given) for lang in ("de", "en")
+    )
+    text, other = (lesson.path.read_text(encoding="utf-8") for lesson in (german, english))
+    assert text.index("[T1]{fontenc}") < text.index("[ngerman,shorthands=off]{babel}")
+    assert "babel" not in other
+    shown, plain = (re.findall(r"\\(?:formula|wide)\{(.*)\}\n", page) for page in (text, other))
+    assert len(shown) > 20
+    assert [x.replace("{,}", ".").replace(r";\; ", ", ") for x in shown] == [
+        re.sub(r"\\text\{[^{}]*\}", "", x) for x in plain
+    ]
+    for page, word in ((text, "Zeichnung"), (other, "draw")):
+        assert word not in page.replace("drawn", "")
+    # Where bodies are made up, document, sheet and page have the same values.
+    assert "Ersatzgliedern" in text
+    assert "stand-in links" in other
+    (values,) = re.findall(r"Winkel in rad: (.*)\.\n", text)
+    pairs = dict(re.findall(r"\$(\S+) = ([^$]*)\$", values))
+    sheet = german.sheet.read_text(encoding="utf-8")
+    listed = [x for line in re.findall(r"^#   (.*)$", sheet, re.MULTILINE) for x in line.split("; ")]
+    assert [x.partition(" = ")[2] for x in listed] == [x.replace("{,}", ",") for x in pairs.values()]
+    assert len(listed) >= 3
+    assert r"\theta" not in text.replace(r"\vartheta", "")
+
+
+@pytest.mark.parametrize(
+    ("language", "one", "more"), [("de", "Null ist ", "Null sind "), ("en", "This is zero: ", "These")]
+)
+def test_one_element_is_zero_and_many_are(language, one, more):
+    numbers = set()
+    for name in ("ppr", "scara"):
+        lesson = build_lesson(load_robot(name), get_book("siciliano"), language=language)
+        texts = [item.text for chapter in lesson.chapters for item in chapter.items if item.kind == "text"]
+        for text in texts:
+            if text.startswith((one, more)):
+                assert text.startswith(one if text.count("$") == 2 else more)
+                numbers.add(text.count("$") == 2)
+    assert numbers == {True, False}
+
+
+def test_values_of_letters_stand_in_the_lesson():
+    """Those of the file, with the decimal mark of the language."""
+    for language, mark in (("en", "."), ("de", ",")):
+        lesson = build_lesson(load_robot("two_link_symbols"), get_book("symid"), language=language)
+        rows = dict(row for item in lesson.chapters[0].items for row in item.rows if len(row) == 2)
+        assert rows["$g$"] == f"9{mark}81"
+        assert rows["$L_{1}$"] == f"0{mark}5"
+        assert len(rows) == 1 + len(lesson.robot.symbols)
