@@ -1,6 +1,7 @@
 """Names for arrays, and how products keep them: float64, row-major, read-only copies."""
 
 import math
+from collections.abc import Iterator
 from dataclasses import fields
 from typing import Annotated, Any
 
@@ -28,7 +29,7 @@ def freeze(values: object) -> FloatArray:
 
 
 _PIECE = 4000
-"""Rows of a matrix that are made triangular at a time: few enough for the caches."""
+"""Rows of a matrix that are made triangular or copied at a time: few enough for the caches."""
 
 
 def compute_triangle(matrix: FloatArray) -> FloatArray:
@@ -47,6 +48,19 @@ def compute_triangle(matrix: FloatArray) -> FloatArray:
         matrix = np.vstack([compute_triangle(piece) for piece in pieces])
     packed = dgeqrf(np.array(matrix, order="F"), lwork=64 * size, overwrite_a=1)[0]
     return np.triu(packed[:size])
+
+
+def cut_pieces(values: FloatArray, beyond: int = 0) -> Iterator[FloatArray]:
+    """Yield pieces (n, k) of long `values` (N, n), a row a column of theirs, that share `beyond` samples."""
+    for start in range(0, max(1, len(values) - beyond), _PIECE):
+        yield values[start : start + _PIECE + beyond].T.copy()
+
+
+def measure_top(values: FloatArray, span: int = 0) -> FloatArray:
+    """Return the largest |x[k + span] - x[k]| (n,) of long `values` (N, n), |x[k]| where `span` is 0."""
+    pieces = cut_pieces(values, span)
+    steps = (piece[:, span:] - piece[:, :-span] if span else piece for piece in pieces)
+    return np.asarray(np.max([np.abs(step).max(axis=1, initial=0.0) for step in steps], axis=0))
 
 
 def accumulate(steps: FloatArray, keep: float, length: int = 32) -> FloatArray:

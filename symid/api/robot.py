@@ -189,7 +189,8 @@ class RobotModel(RobotDynamics):
         searched = law if identification.needs_search(law) else None
         stated = law if isinstance(law, str) and not searched else None
         pairs = api_logs.list_pairs(settings, order)
-        described, recordings = self._gather(logs, pairs, stated, train)
+        control = order.estimator in rigid_fits.SIMULATING
+        described, recordings = self._gather(logs, pairs, stated, train, control=control)
         options = replace(order, friction=searched)
         named = stated is not None
         found = identification.identify_robot(
@@ -203,12 +204,17 @@ class RobotModel(RobotDynamics):
         pairs: tuple[tuple[str, str], ...],
         friction: str | None,
         train: api_logs.Parts | None,
+        *,
+        control: bool = False,
     ) -> "tuple[robots.Robot, tuple[log_files.Recording, ...]]":
-        """Return the robot with the settings of the call, and what it fits of the recordings."""
+        """Return the robot with the settings of the call, and what it fits of the recordings.
+
+        The channels of the controller, which take memory, are kept for estimators that simulate it.
+        """
         given = api_logs.list_logs(logs, pairs)
         described = robots.override_settings(api_logs.adopt_log_map(self.description, logs), pairs, friction)
         parts = log_files.read_parts(train, "--train")
-        read = log_files.read_fit_recordings(given, described)
+        read = log_files.read_fit_recordings(given, described, control=control)
         return described, log_files.take_parts(read, parts, "--train", keep=True)
 
     def identify_friction(

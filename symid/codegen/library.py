@@ -149,9 +149,18 @@ def check_outputs(card: ModelCard, spec: FunctionSpec, samples: int | None, out:
     return tuple(out)
 
 
-def allocate_output(port: Port, samples: int | None, dtype: type[np.floating]) -> FloatArray:
+_LINE = 64
+"""Bytes of a line of the cache: batches of outputs that begin with one are written in whole lines."""
+
+
+def _allocate_output(port: Port, samples: int | None) -> FloatArray:
     """Return an array for an output, its values not set."""
-    return np.empty(port.shape if samples is None else (samples, *port.shape), dtype=dtype)
+    if samples is None:
+        return np.empty(port.shape)
+    count = samples * port.size
+    room = np.empty(count + _LINE // 8)
+    first = -room.ctypes.data % _LINE // 8
+    return room[first : first + count].reshape(samples, *port.shape)
 
 
 def redirect_outputs(card: ModelCard, spec: FunctionSpec, call: Call, kept: Arrays | None) -> Call:
@@ -300,7 +309,7 @@ class Library:
         spec = get_spec(self.card, name)
         samples, arrays = check_inputs(self.card, spec, inputs)
         if out is None:
-            outputs = tuple(allocate_output(port, samples, np.float64) for port in spec.outputs)
+            outputs = tuple(_allocate_output(port, samples) for port in spec.outputs)
         else:
             outputs = check_outputs(self.card, spec, samples, out)
             shared = [any(np.may_share_memory(array, output) for output in outputs) for array in arrays]
@@ -416,7 +425,7 @@ class _CompiledEngine:
                 inputs, outputs, pointers = spare.pop()
             except IndexError:
                 kind = self._dtype
-                inputs, outputs = (tuple(allocate_output(p, None, kind) for p in side) for side in ports)
+                inputs, outputs = (tuple(np.empty(p.shape, kind) for p in side) for side in ports)
                 pointers = tuple(ctypes.c_void_p(array.ctypes.data) for array in (*inputs, *outputs))
             for buffer, value in zip(inputs, given, strict=True):
                 buffer[...] = value

@@ -39,7 +39,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, find_runs
+from symid.arrays import FloatArray, find_runs, measure_top
 from symid.errors import Notice
 from symid.logs.recording import Recording
 from symid.logs.sampling import Resampling, mask_onward, plan_resampling, resample_recording
@@ -128,7 +128,7 @@ def _take_turns_off(log: Recording, joints: Sequence[Joint]) -> tuple[Recording,
     found: list[Notice] = []
     for name in _POSITIONS:
         given = getattr(log, name)
-        if given is None or not any(np.any(np.abs(np.diff(values)) > np.pi) for values in given.T):
+        if given is None or np.all(measure_top(given, 1) <= np.pi):
             continue
         pairs = zip(joints, given.T, strict=True)
         whole = np.column_stack([values if joint.prismatic else unwrap(values) for joint, values in pairs])

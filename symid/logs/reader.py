@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, freeze, measure_top
 from symid.errors import LogError, Notice, shorten_names
 from symid.logs import headings
 from symid.logs.bags import STORAGE_SUFFIXES, is_bag_folder, pick_topic, read_bag
@@ -46,7 +46,7 @@ from symid.logs.files import (
     read_parquet,
 )
 from symid.logs.headings import REQUIRED_QUANTITIES, Names, is_commanded
-from symid.logs.recording import OPTIONAL_CHANNELS, Recording
+from symid.logs.recording import CONTROL_CHANNELS, OPTIONAL_CHANNELS, Recording
 from symid.logs.signals import choose_processing, compute_least_samples, describe_too_short, describe_uneven
 from symid.logs.tables import read_csv
 from symid.notation import UNITS, get_unit_factor
@@ -387,12 +387,14 @@ _SAMPLE_TIMES = "t"
 
 
 @np.errstate(all="ignore")
-def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLog | None = None) -> Recording:
+def read_recording(
+    path: Path, robot: Robot, *, uneven: bool = False, control: bool = True, raw: RawLog | None = None
+) -> Recording:
     """Return the recording in a log, or raise a LogError with all mistakes.
 
     What NumPy finds odd in columns that are no numbers is reported. `robot`: its `[log]` map says which
-    column is what; `uneven`: whether times may be uneven, repeat or run
-    backwards; `raw`: the columns of the file, where they were read before.
+    column is what; `uneven`: whether times may be uneven, repeat or run backwards; `control`: whether the
+    controller's channels are kept; `raw`: the columns of the file, where they were read before.
     """
     raw = raw or read_raw(path)
     findings = Findings(file=str(path))
@@ -404,9 +406,17 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
     columns: dict[str, tuple[str, ...]] = {}
     for name in ("position", "torque", *OPTIONAL_CHANNELS):
         values[name], columns[name] = extract_quantity(raw, robot, name, samples, findings)
+        if name in CONTROL_CHANNELS and not control:
+            values[name] = None
+    known = {*used, SIMULATED, *(name for names in columns.values() for name in names)}
+    unused = tuple(name for name in raw.columns if name not in known)
     # Holes in a velocity or an acceleration are accepted, states then come from the position; so are those
     # of a controller's channels.
     needed = dict.fromkeys((*used, *(column for name in _GAPLESS for column in columns[name])))
+    # What is not kept leaves the memory here.
+    raw = replace(
+        raw, columns={name: raw.columns[name] for name in raw.columns if name in {*needed, *unused}}
+    )
     for name in (entry for entry in needed if entry in raw.columns):
         part = np.atleast_1d(raw.columns[name])
         # Without a copy of what is right.
@@ -419,8 +429,7 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
             findings.refuse("log.not-finite", text)
     for name in _GAPLESS:
         read = values[name]
-        columnwise = () if read is None else read.T
-        sizes = np.array([max(one.max(initial=0.0), -one.min(initial=0.0)) for one in columnwise])
+        sizes = np.zeros(0) if read is None else measure_top(read)
         if (small := sizes[(sizes > 0.0) & (sizes < _SMALLEST)]).size:
             text = f"{name}: all values of a joint are {small[0]:.3g} or less, which no sensor measures"
             findings.refuse("log.too-small", f"{text}; state the unit or a factor in [log.{name}]")
@@ -451,8 +460,6 @@ def read_recording(path: Path, robot: Robot, *, uneven: bool = False, raw: RawLo
         _check_time(time, robot.processing, findings)
     if findings.mistakes or time is None or values["position"] is None or values["torque"] is None:
         raise LogError(*findings.mistakes)
-    known = {*used, SIMULATED, *(name for names in columns.values() for name in names)}
-    unused = tuple(name for name in raw.columns if name not in known)
     left_out = ", ".join((*unused, *raw.others))
     parts = [f"columns that were not used: {left_out}"] if left_out else []
     parts += (
@@ -503,8 +510,8 @@ def read_raw(path: Path) -> RawLog:
         kind = "a folder" if path.is_dir() else "a device"
         raise build_file_error(path, f"this is {kind}, not a log", "log.unreadable")
     with warnings.catch_warnings(record=True) as said:
-        for kind in (UserWarning, RuntimeWarning, SyntaxWarning):
-            warnings.simplefilter("always", kind)
+        for category in (UserWarning, RuntimeWarning, SyntaxWarning):
+            warnings.simplefilter("always", category)
         try:
             raw = reader(path)
         except PermissionError as error:

@@ -86,14 +86,17 @@ _SUFFIX = ".toml"
 _KEYS = ("file", "weight", "drop_first", "drop_last", "train", "payload", "offset")
 
 
-def read_log_runs(path: Path, robot: robots.Robot, *, uneven: bool = False) -> tuple[Recording, ...]:
+def read_log_runs(
+    path: Path, robot: robots.Robot, *, uneven: bool = False, control: bool = True
+) -> tuple[Recording, ...]:
     """Return the recording of a log, or those of all runs of a `.toml`, or raise all mistakes."""
     if path.suffix.lower() != _SUFFIX:
-        return _read_repaired(path, robot, uneven=uneven)
+        return _read_repaired(path, robot, uneven=uneven, control=control)
     runs, warnings = _parse_runs(path, robot)
 
     def read(run: RunSettings) -> list[Recording]:
-        return [_apply_settings(part, run) for part in _read_repaired(Path(run.file), robot, uneven=uneven)]
+        parts = _read_repaired(Path(run.file), robot, uneven=uneven, control=control)
+        return [_apply_settings(part, run) for part in parts]
 
     first, *others = _read_all(runs, read)
     return (replace(first, notices=(*warnings, *first.notices)), *others)
@@ -105,15 +108,17 @@ _AGAIN, _EPISODE, _NAMED = 0.1, 16, 3
 how many such samples a note names."""
 
 
-def _read_repaired(path: Path, robot: robots.Robot, *, uneven: bool = False) -> tuple[Recording, ...]:
+def _read_repaired(
+    path: Path, robot: robots.Robot, *, uneven: bool = False, control: bool = True
+) -> tuple[Recording, ...]:
     """Return the recordings in a log, as they are if `uneven`, else without faults, and notices say so."""
     try:
-        parts = [read_recording(path, robot, uneven=uneven)]
+        parts = [read_recording(path, robot, uneven=uneven, control=control)]
     except LogError as error:
         codes = {notice.code for notice in error.notices}
         if not codes <= _UNEVEN | {"log.time-order"}:
             raise
-        parts = [read_recording(path, robot, uneven=True)]
+        parts = [read_recording(path, robot, uneven=True, control=control)]
         if "log.time-order" in codes and len(_find_episodes(parts[0].time)) == 1:
             raise
     ends = _find_episodes(parts[0].time)
@@ -422,17 +427,17 @@ def describe_logs(robot: robots.Robot, recordings: Sequence[Recording]) -> dict[
 
 
 def read_recordings(
-    logs: Sequence[Path | Recording], robot: robots.Robot, *, uneven: bool = False
+    logs: Sequence[Path | Recording], robot: robots.Robot, *, uneven: bool = False, control: bool = True
 ) -> tuple[Recording, ...]:
     """Return the recordings of logs (files, files of runs, recordings), or a LogError with all mistakes.
 
     `robot`: its `[log]` map says which column is what; `uneven`: whether logs stay as they are, with uneven
-    time stamps and other faults.
+    time stamps and other faults; `control`: whether recordings of files keep the controller's channels.
     """
 
     def read(log: Path | Recording) -> tuple[Recording, ...]:
         if isinstance(log, Path):
-            return read_log_runs(log, robot, uneven=uneven)
+            return read_log_runs(log, robot, uneven=uneven, control=control)
         joints = log.position.shape[1]
         if joints != robot.freedom:
             text = f"has {joints} joints, the robot {robot.name!r} {robot.freedom}; read it with this robot"
@@ -442,7 +447,9 @@ def read_recordings(
     return _read_all(logs, read)
 
 
-def read_fit_recordings(logs: Sequence[Path | Recording], robot: robots.Robot) -> tuple[Recording, ...]:
+def read_fit_recordings(
+    logs: Sequence[Path | Recording], robot: robots.Robot, *, control: bool = True
+) -> tuple[Recording, ...]:
     """Return the recordings for one fit; see `read_recordings`.
 
     A UsageError refuses a log that is given twice, or none, a LogError different payloads.
@@ -456,7 +463,7 @@ def read_fit_recordings(logs: Sequence[Path | Recording], robot: robots.Robot) -
     # The source of a recording may be any text, which Path.is_file may refuse.
     named = [path for path in others if os.path.isfile(path)]  # noqa: PTH113
     check_distinct([*(file for path in files for file in list_log_files(path, robot)), *named])
-    recordings = read_recordings(logs, robot)
+    recordings = read_recordings(logs, robot, control=control)
     check_distinct_samples(recordings)
     check_one_payload(recordings)
     return recordings

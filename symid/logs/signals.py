@@ -22,7 +22,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, freeze
+from symid.arrays import FloatArray, freeze, measure_top
 from symid.errors import LogError, Notice
 from symid.logs.recording import Recording, Signals, change_channels
 from symid.robot import Decimation, Processing
@@ -594,11 +594,10 @@ class SignalParts:
         self.period = recording.period
         self.time, self.bad = recording.time[kept], None if recording.bad is None else recording.bad[kept]
         if processing.states == "position" or recording.velocity is None:
-            steps = (np.abs(values[2:] - values[:-2]) for values in recording.position.T)
-            speeds = (step / (2.0 * self.period) for step in steps)
+            self._fastest = measure_top(recording.position, 2) / (2.0 * self.period)
         else:
-            speeds = (np.abs(values) for values in recording.velocity.T)
-        self._fastest, self._margin = np.array([speed.max() for speed in speeds]), 4
+            self._fastest = measure_top(recording.velocity)
+        self._margin = 4
         if processing.filter_cutoff is not None:
             edge = min(1.0, 2.0 * processing.filter_cutoff * self.period)
             kind = _LowPass(order=processing.filter_order, edge=edge)
@@ -650,8 +649,8 @@ def describe_too_short(samples: int, processing: Processing, file: str = "") -> 
 
 def describe_uneven(time: FloatArray, file: str = "") -> Notice | None:
     """Return the notice on gaps or jitter of `time` (N,) in s; None if it is even enough for filters."""
+    period = float(np.median(np.diff(time), overwrite_input=True))
     steps = np.diff(time)
-    period = float(np.median(steps))
     gaps = np.flatnonzero(steps > _GAP * period)
     if len(gaps):
         first = int(gaps[0])
@@ -659,7 +658,9 @@ def describe_uneven(time: FloatArray, file: str = "") -> Notice | None:
         text += f"{period:.6g} s, the first after sample {first} (counted from 0), from {time[first]:.6g} s "
         text += f"to {time[first + 1]:.6g} s; cut the log there into separate files, or resample it evenly"
         return Notice(code="log.gap", text=text, file=file)
-    scatter = float(np.sqrt(np.mean((steps / period - 1.0) ** 2)))
+    away = steps / period
+    away -= 1.0
+    scatter = float(np.sqrt(np.mean(np.square(away, out=away))))
     if scatter > _JITTER:
         away = np.flatnonzero(np.abs(steps - period) > _JITTER * period)
         first = int(away[0])

@@ -13,7 +13,6 @@ Not supported: losses other than squares (they need the rows); a verdict on prec
 parameters are fitted, and have a large standard deviation.
 """
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -22,7 +21,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from symid.arrays import FloatArray, compute_triangle, freeze
+from symid.arrays import FloatArray, compute_triangle, cut_pieces, freeze
 from symid.errors import IdentifiabilityError, Notice, shorten_names
 from symid.identification.judge import numerics
 from symid.identification.regression.equations import Rows
@@ -332,16 +331,16 @@ def list_resting_joints(recording: Recording) -> tuple[int, ...]:
     The noise is that of second differences d: sigma = |d|_rms / sqrt(6). An encoder that flips between
     neighbouring ticks rests.
     """
-    resting = []
-    for joint, column in enumerate(recording.position.T):
-        position = column.copy()
-        low, high, curve = float(position.min()), float(position.max()), np.diff(position, n=2)
-        noise = math.sqrt(float(curve @ curve) / max(1, len(curve)) / 6.0)
-        # Below this, a range is rounding of the position itself.
-        rounding = 16.0 * float(np.finfo(float).eps) * max(-low, high)
-        if high - low <= max(20.0 * noise, rounding):
-            resting.append(joint)
-    return tuple(resting)
+    parts = [
+        (piece.min(axis=1), piece.max(axis=1), np.sum(np.diff(piece, n=2) ** 2, axis=1))
+        for piece in cut_pieces(recording.position, 2)
+    ]
+    lows, highs, squares = map(np.array, zip(*parts, strict=True))
+    low, high, count = lows.min(axis=0), highs.max(axis=0), max(1, len(recording.position) - 2)
+    noise = np.sqrt(squares.sum(axis=0) / count / 6.0)
+    # Below this, a range is rounding of the position itself.
+    rounding = 16.0 * float(np.finfo(float).eps) * np.maximum(-low, high)
+    return tuple(np.flatnonzero(high - low <= np.maximum(20.0 * noise, rounding)).tolist())
 
 
 def hold_resting_joints(

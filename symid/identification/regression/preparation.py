@@ -41,7 +41,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from symid import logs
-from symid.arrays import FloatArray
+from symid.arrays import FloatArray, measure_top
 from symid.codegen import Library
 from symid.errors import IdentifiabilityError, LogError, Notice
 from symid.identification.judge import POLICY, Agreement, agree_in_value, compute_changes, numerics
@@ -146,9 +146,10 @@ def measure_moving_ends(processing: Processing, recordings: Sequence[Recording])
     for recording in recordings if cutoff is not None else ():
         spoilt = count_spoilt(cutoff, recording.period)
         span = max(1, round(spoilt / POLICY.periods))
-        for values in recording.position.T if span < len(recording.time) else ():
-            speed = np.abs(values[span:] - values[:-span])
-            moving = speed[[0, -1]] > POLICY.relevance * speed.max()
+        if span < len(recording.time):
+            values, top = recording.position, measure_top(recording.position, span)
+            ends = np.abs(values[[span, -1]] - values[[0, -1 - span]])
+            moving = np.any(ends > POLICY.relevance * top, axis=1)
             found = [max(one, spoilt if moves else 0) for one, moves in zip(found, moving, strict=True)]
     return found[0], found[1]
 

@@ -181,6 +181,14 @@ def test_a_batch_is_read_and_written_without_a_copy(folder):
     assert peak < 20000
 
 
+@pytest.mark.parametrize("samples", range(1, 9))
+def test_new_batches_begin_with_a_line_of_the_cache(library, samples):
+    found = library.evaluate("mass_matrix", *make_arrays(library, (samples,)))[0]
+    assert (found.ctypes.data % 64, found.shape) == (0, (samples, 2, 2))
+    assert found.flags.c_contiguous
+    assert found.flags.writeable
+
+
 @pytest.mark.parametrize("shift", [0, 1])
 def test_inputs_that_are_outputs_are_copied_first(library, shift):
     q, beta = make_arrays(library, (700,))
