@@ -662,10 +662,10 @@ def describe_uneven(time: FloatArray, file: str = "") -> Notice | None:
     away -= 1.0
     scatter = float(np.sqrt(np.mean(np.square(away, out=away))))
     if scatter > _JITTER:
-        away = np.flatnonzero(np.abs(steps - period) > _JITTER * period)
-        first = int(away[0])
+        late = np.flatnonzero(np.abs(steps - period) > _JITTER * period)
+        first = int(late[0])
         text = f"sampling is uneven: steps scatter by {100 * scatter:.3g} % RMS about {period:.6g} s (limit "
-        text += f"{100 * _JITTER:g} %); {len(away)} steps exceed it, the first after sample {first} (counted "
+        text += f"{100 * _JITTER:g} %); {len(late)} steps exceed it, the first after sample {first} (counted "
         text += f"from 0), at {time[first]:.6g} s; resample the log evenly"
         return Notice(code="log.jitter", text=text, file=file)
     return None

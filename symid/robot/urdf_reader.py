@@ -433,10 +433,10 @@ def _reduce_joints(
             text += "identifiable"
             part.group("robot.nearly-parallel", text, f"{tilt:.1e}")
     turns = dict(zip((joint.name for joint in joints), turned, strict=True))
-    fixed = []
+    bodies = []
     for body in lumped.bodies:
         inertial, own = (
             values and move_by_placement(values, turns[body.carrier]) for values in (body.inertial, body.own)
         )
-        fixed.append(replace(body, inertial=inertial, own=own))
-    return reframed.joints, links, tuple(fixed)
+        bodies.append(replace(body, inertial=inertial, own=own))
+    return reframed.joints, links, tuple(bodies)
