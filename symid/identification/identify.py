@@ -160,7 +160,7 @@ def _identify_rigid(
         # Loads that friction reads, and that were not measured, follow from the estimate.
         estimate = friction_search.identify_loaded(library, recordings, rigid.processing, fit)
     motion = regression.outline_motion(library, recordings, rigid.processing)
-    estimate = _add_origin(replace(estimate, motion=motion), robot, recordings)
+    estimate = replace(estimate, motion=motion)
     if motor_side:
         estimate = elastics.refuse_elasticity(estimate, robot, both=both)
         notes = (note for entry in recordings for note in entry.notices)
@@ -169,28 +169,36 @@ def _identify_rigid(
         text = "the second encoder of the log is not used: a rigid model takes the position of "
         text += "[log.position]; --method stiffness uses both"
         warnings += (Notice(code="identify.second-encoder", text=text),)
-    notices = (*warnings, *library.notices, *estimate.notices, *_compare_with_file(library, rigid, estimate))
+    scales = _compare_with_file(library, rigid, estimate)
+    estimate = _add_origin(estimate, robot, recordings, scales)
+    notices = (*warnings, *library.notices, *estimate.notices)
+    notices += rigids.describe_scales(scales, rigid, "identify.scale")
     return Identification(estimate=estimate, notices=notices, backend=library.backend)
 
 
-def _add_origin(record: Record, robot: Robot, recordings: Recordings) -> Record:
+def _add_origin(
+    record: Record, robot: Robot, recordings: Recordings, scales: Sequence[rigids.JointScale] = ()
+) -> Record:
     """Return the record with what the robot file says of it: name, true values, fixed bodies, overloads."""
     simulated = all(entry.simulated == robot.values_signature for entry in recordings)
     name = name_for_commands(robot)
-    beyond = {joint: list(pair) for joint, pair in log_files.find_overloads(recordings, robot).items()}
-    told = {"fixed": [write_plain(body) for body in robot.fixed], "beyond_limit": beyond}
+    beyond = rigids.keep_overloads(log_files.find_overloads(recordings, robot), scales)
+    told = {
+        "fixed": [write_plain(body) for body in robot.fixed],
+        "beyond_limit": {joint: list(pair) for joint, pair in beyond.items()},
+    }
     settings = {**record.settings, **{key: value for key, value in told.items() if value}}
     return replace(record, simulated=simulated, file="" if name == robot.name else name, settings=settings)
 
 
 def _compare_with_file(
     library: Library, robot: Robot, estimate: Estimate | elastics.ElasticEstimate
-) -> tuple[Notice, ...]:
-    """Return the warning on torques of another size than the robot file's values give."""
+) -> tuple[rigids.JointScale, ...]:
+    """Return how many times torques are those of the robot file's values."""
     refused, motion = dict(estimate.refused), estimate.motion if isinstance(estimate, Estimate) else ()
-    fit = estimate.parameters, estimate.covariance, motion
-    scales = rigids.compare_fit_scales(library, robot, *fit, refused)
-    return rigids.describe_scales(scales, robot, "identify.scale")
+    return rigids.compare_fit_scales(
+        library, robot, estimate.parameters, estimate.covariance, motion, refused
+    )
 
 
 def prepare_elastic_methods(
@@ -233,13 +241,17 @@ def prepare_elastic_methods(
         context.progress(f"identifying {robot.name} from {ready.counted} by the method {name!r}")
         found = by_method(method)
         estimate = replace(found, notices=(*found.notices, *elastics.warn_of_rotors(found.parameters)))
-        estimate = _add_origin(estimate, robot, recordings)
+        scales = _compare_with_file(ready.library, robot, estimate)
+        estimate = _add_origin(estimate, robot, recordings, scales)
         if not estimate.simulated:
             springs = tuple(replace(spring, truth=None) for spring in estimate.springs)
             estimate = replace(estimate, springs=springs)
         return Identification(
             estimate=estimate,
-            notices=(*ready.notices, *estimate.notices, *_compare_with_file(ready.library, robot, estimate)),
+            notices=(
+                *(*ready.notices, *estimate.notices),
+                *rigids.describe_scales(scales, robot, "identify.scale"),
+            ),
             backend=ready.library.backend,
             alignment=ready.alignment,
         )

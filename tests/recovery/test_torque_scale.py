@@ -165,3 +165,8 @@ def test_torques_beyond_what_the_joints_can_do_are_another_unit(arm):
     # Where the limits were wrong, correcting them is enough.
     file.write_text(re.sub(r"(?m)^torque = [0-9.e+]+$", "torque = 1e4", file.read_text()))
     do("export", "arm.toml", "fit.json", "-o", "again.urdf")
+    # Limits that the file's own bodies contradict are placeholders, and cap nothing.
+    file.write_text(re.sub(r"(?m)^torque = [0-9.e+]+$", "torque = 1.0", text))
+    answer = do("identify", "arm.toml", "torques.csv", "-o", "fit.json", "--force")
+    assert answer["result"]["verdict"]["level"] == right["level"]
+    do("export", "arm.toml", "fit.json", "-o", "placeholders.urdf")

@@ -49,6 +49,7 @@ if TYPE_CHECKING:
         JointScale as JointScale,
         compare_fit_scales as compare_fit_scales,
         describe_scales as describe_scales,
+        keep_overloads as keep_overloads,
     )
     from symid.identification.rigid.validation import (
         Diagnosis as Diagnosis,

@@ -16,7 +16,7 @@ Supported: robots any of whose base parameters is known.
 Not supported: joints whose torque has no known part, as a vertical axis with a rotor.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -151,6 +151,22 @@ def compare_fit_scales(  # noqa: PLR0917 - a fit, its states and its robot
         states = np.stack([q, *draw.standard_normal((2, _POSES, len(spans)))])
     (columns,) = library.evaluate("torque_regressor", *states)
     return compare_scales(library.card, robot, states, columns, found, spreads)
+
+
+def keep_overloads(
+    beyond: Mapping[str, tuple[float, float]], scales: Sequence[JointScale]
+) -> dict[str, tuple[float, float]]:
+    """Return the joints of `find_overloads`; none where the file's own bodies contradict its limits.
+
+    Where bodies explain such a torque better than they explain the limit, the limits of the file are
+    placeholders: many files have 1 or 10 N m everywhere.
+    """
+    for entry in scales:
+        torque, most = beyond.get(entry.joint, (0.0, 0.0))
+        sure = entry.std <= 0.01 * POLICY.uncertain * entry.ratio
+        if most and sure and abs(np.log(entry.ratio)) < abs(np.log(entry.ratio * most / torque)):
+            return {}
+    return dict(beyond)
 
 
 def describe_scales(
