@@ -133,11 +133,10 @@ def write_identified(found: Identified, source: Path, path: Path, options: Expor
     check_format(path, options)
     if found.changes:
         text = f"since the fit the robot file has changed: {found.changes}; a fit is of the robot in its own "
-        text += "logs, so export it with the robot file that it was made with (symid export ... -o "
         text += (
-            "identified.toml), write new fixed joints into identified.toml and export that without a fit; or "
+            "logs: export it with the robot file that it was made with (-o identified.toml), write new fixed "
         )
-        text += "identify again with this file"
+        text += "joints into that file and export it without a fit; or identify again with this file"
         raise EstimateError(Notice(code="export.other-bodies", text=text, file=str(source)))
     library, limit = prepare_library(found.robot), options.limit
     most = POLICY.scale if options.ratio is None else options.ratio

@@ -432,11 +432,12 @@ def _reduce_joints(
             text += "meant to be parallel, write frames and axes so; else some base parameters are poorly "
             text += "identifiable"
             part.group("robot.nearly-parallel", text, f"{tilt:.1e}")
-    turns = dict(zip((joint.name for joint in joints), turned, strict=True))
-    bodies = []
-    for body in lumped.bodies:
+    turns = {joint.name: turn for joint, turn in zip(joints, turned, strict=True)}
+
+    def turn_body(body: description.FixedBody) -> description.FixedBody:
         inertial, own = (
             values and move_by_placement(values, turns[body.carrier]) for values in (body.inertial, body.own)
         )
-        bodies.append(replace(body, inertial=inertial, own=own))
-    return reframed.joints, links, tuple(bodies)
+        return replace(body, inertial=inertial, own=own)
+
+    return reframed.joints, links, tuple(map(turn_body, lumped.bodies))
