@@ -181,7 +181,7 @@ def _cut_part(block: Block, lines: list[str], most: int) -> list[str]:
     if len(lines) <= most:
         return lines
     full = list(filter(None, lines)) if most < _LOW else lines
-    kept = full[: most - 1]
+    kept, which = full[: most - 1], ""
     if isinstance(block, Table):
         head = len(block.title.splitlines()) + 2
         if len(kept) <= head:
@@ -190,7 +190,8 @@ def _cut_part(block: Block, lines: list[str], most: int) -> list[str]:
             sizes = [_measure(row[block.worst]) for row in block.rows]
             ranks = sorted(range(len(sizes)), key=sizes.__getitem__, reverse=True)[: len(kept) - head]
             kept = [*full[:head], *(full[head + k] for k in sorted(ranks))]
-    return [*kept, f"... {len(full) - len(kept)} more lines"]
+            which = f" of less {block.header[block.worst]}"
+    return [*kept, f"... {len(full) - len(kept)} more lines{which}"]
 
 
 def _measure(cell: object) -> float:

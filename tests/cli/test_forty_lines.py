@@ -107,7 +107,7 @@ def test_the_worst_rows_stay_and_no_table_without_rows():
     table = Table(("name", "std/%"), rows, worst=1)
     lines = shorten_text((table,), 6).splitlines()
     assert [line.split()[0] for line in lines[2:5]] == ["b", "c", "e"]
-    assert lines[-1] == "... 3 more lines"
+    assert lines[-1] == "... 3 more lines of less std/%"
     # Beside long texts, each table with a header has a row, or one line.
     text = "\n".join(f"line {k}" for k in range(9))
     lines = shorten_text((text, table, text, TABLE, text), 22).splitlines()
