@@ -274,7 +274,7 @@ def test_numbers_follow_from_the_values_of_the_sheet_alone(name):
         kind, _, place = one.about.partition(" ")
         i, others = int(place or 0) + 1, range(1, size + 1)
         if kind == "energy":
-            found = take("T")
+            found = take("T_")
         else:
             found = take(f"g{i}_")
             found += sum(
