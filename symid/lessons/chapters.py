@@ -226,7 +226,7 @@ def translate_chapter(chapter: Chapter, language: str) -> Chapter:
 
         found = write_marked(words(text), str, formula, "`{}`".format)
         # Values of a list stand apart as those of a vector do.
-        return found if language == "en" else re.sub(r"(\d\$), (?=\$[^$]* = )", r"\1; ", found)
+        return found if language == "en" else re.sub(r"(\d\}\$), (?=\$)", r"\1; ", found)
 
     def turn(item: Item) -> Item:
         cells = tuple(

@@ -275,9 +275,10 @@ _SHARE, _IN_A_ROW = 0.01, 6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnswerSheet:
-    """What a sheet holds: `settings` of its exercises; by number the `prompts` and typed `answers`."""
+    """What a sheet holds: `settings` of its exercises, lines of values; by number `prompts` and `answers`."""
 
     settings: Mapping[str, str]
+    values: tuple[str, ...]
     prompts: Mapping[int, str]
     answers: Mapping[int, str]
 
@@ -293,10 +294,7 @@ def write_sheet(lesson: Lesson, exercises: Sequence[Exercise], settings: Mapping
         formulas = "# Formulas in the letters of the lesson, such as {0}, or {1}."
         lines.append(words(formulas).format(example, example.replace("*", " ")))
     lines.append(words("# Numbers may be formulas too."))
-    if values := list_values(lesson, exercises):
-        pairs = (f"{show_plain(name)} = {write_decimals(x, lesson.language)}" for name, x in values)
-        listed, mark = list(pairs), ", " if lesson.language == "en" else "; "
-        rows = [mark.join(listed[k : k + _IN_A_ROW]) for k in range(0, len(listed), _IN_A_ROW)]
+    if rows := _write_values(lesson, exercises):
         lines += [words("# Values in SI units, angles in rad:"), *(f"#   {row}" for row in rows)]
     lines += [
         words("# To mark: symid derive ROBOT --check FILE"),
@@ -307,13 +305,21 @@ def write_sheet(lesson: Lesson, exercises: Sequence[Exercise], settings: Mapping
     return "\n".join(lines) + "\n"
 
 
+def _write_values(lesson: Lesson, exercises: Sequence[Exercise]) -> list[str]:
+    mark, pairs = ", " if lesson.language == "en" else "; ", list_values(lesson, exercises)
+    texts = [f"{show_plain(name)} = {write_decimals(x, lesson.language)}" for name, x in pairs]
+    return [mark.join(texts[k : k + _IN_A_ROW]) for k in range(0, len(texts), _IN_A_ROW)]
+
+
 def read_sheet(text: str, file: str) -> AnswerSheet:
     """Return what stands in a sheet; an InputError names all mistakes, such as a number with two answers."""
     settings, prompts, answers = dict[str, str](), dict[int, str](), dict[int, str]()
-    notices, last = list[Notice](), 0
+    notices, last, values = list[Notice](), 0, list[str]()
     for place, line in enumerate(text.splitlines(), start=1):
         if line.startswith("#") and "--exercises" in line:
             settings = dict(_SETTING.findall(line))
+        elif line.startswith("#   "):
+            values.append(line.removeprefix("#").strip())
         elif match := _PROMPT.match(line):
             prompts[int(match[1])], last = match[2].strip(), 0
         elif match := _ANSWER.match(line.strip()):
@@ -330,7 +336,7 @@ def read_sheet(text: str, file: str) -> AnswerSheet:
         notices.append(Notice(code="lesson.no-sheet", text=what, file=file))
     if notices:
         raise InputError(*notices)
-    return AnswerSheet(settings=settings, prompts=prompts, answers=answers)
+    return AnswerSheet(settings=settings, values=tuple(values), prompts=prompts, answers=answers)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -362,8 +368,10 @@ def mark_sheet(robot: Robot, sheet: AnswerSheet, file: str, lang: str = "") -> t
     count = min(int(settings["exercises"]), MOST_EXERCISES)
     drawn = draw_exercises(lesson, count, rng)
     asked = {number: one.plain for number, one in enumerate(drawn, start=1)}
-    if asked != dict(sheet.prompts):
-        text = f"its questions are not those of {robot.name} with these settings; give the robot that the "
+    same = sheet.values in ((), tuple(_write_values(lesson, drawn)))
+    if asked != dict(sheet.prompts) or not same:
+        what = "questions" if same else "values"
+        text = f"its {what} are not those of {robot.name} with these settings; give the robot that the "
         text += "sheet was written for, or write it again with this version"
         raise InputError(Notice(code="lesson.other-exercises", text=text, file=file))
     language = lang or settings["lang"]

@@ -168,7 +168,8 @@ def _write_exercises(lesson: Lesson, drawn: Sequence[Exercise], page: str) -> Ch
         shown=page and example,
         short=example.replace("*", " "),
         letters=letters,
-        values=", ".join(f"${name} = {value}$" for name, value in list_values(lesson, drawn)),
+        # Braces keep an equation in one line.
+        values=", ".join(f"${{{name} = {value}}}$" for name, value in list_values(lesson, drawn)),
     )
     return translate_chapter(chapter, lesson.language)
 

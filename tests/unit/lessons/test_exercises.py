@@ -214,6 +214,7 @@ def test_a_sheet_of_another_robot_or_without_settings_is_refused(lesson):
         (text.replace("exercises 8", "exercises many").encode(), "was changed"),
         (text.replace("notation symid", "notation none").encode(), "was changed"),
         (text.replace("lang en", "lang xx").encode(), "was changed"),
+        (text.replace("g = 9.81", "g = 9.8").encode(), "its values are not those of two_link_symbols"),
         (b"\xff\xfe\x00", "no text in UTF-8"),
     ):
         path.write_bytes(changed)
