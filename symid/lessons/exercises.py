@@ -73,7 +73,7 @@ _FORMULAS = {
     r"g\d+_": "What is the gravity term {0} at {1}?",
 }
 """Questions for a formula, by the names of what is asked for."""
-_WITH = "With the values of the lesson, "
+_WITH = "With the values given, "
 _NUMBERS = {
     "rest": (_WITH + "which {what} ({unit}) holds joint {{0}} at rest at {{1}}? To one percent.", "g{0}_"),
     "start": (
