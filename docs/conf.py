@@ -62,7 +62,7 @@ def write_lessons(app: Sphinx) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         for name in LESSONS:
             (folder / f"{name}.exercises.txt").unlink(missing_ok=True)
-            symid.load(name).write_lesson(folder / f"{name}.html", exercises=6)
+            symid.load(name).write_lesson(folder / f"{name}.html", exercises=6, force=True)
 
 
 def write_notebooks(app: Sphinx) -> None:

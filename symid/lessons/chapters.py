@@ -202,6 +202,12 @@ class Lesson:
     title: str = ""
     author: str = ""
 
+    @property
+    def formulas(self) -> list[Item]:
+        """Return the formulas with values, each after those that it needs."""
+        every = list_items([item for chapter in self.chapters for item in chapter.items])
+        return [item for item in every if item.name and item.code]
+
 
 def write_decimals(text: str, language: str, *, tex: bool = False) -> str:
     """Return numbers, or a formula in LaTeX, with the marks of a language: 0,5 and (0; 0,5) in German."""
@@ -220,7 +226,7 @@ def translate_chapter(chapter: Chapter, language: str) -> Chapter:
 
         found = write_marked(words(text), str, formula, "`{}`".format)
         # Values of a list stand apart as those of a vector do.
-        return found if language == "en" else re.sub(r"(\d\$), (?=\$[^$]* = )", r"\1; ", found)
+        return found if language == "en" else re.sub(r"(\d\}\$), (?=\$)", r"\1; ", found)
 
     def turn(item: Item) -> Item:
         cells = tuple(

@@ -120,8 +120,8 @@ def _write_short(writer: ChapterWriter, equations: matrices.Equations) -> Iterat
         "energies",
         book,
         energies=(
-            writer.formula(book.kinetic, equations.kinetic, "T", "J"),
-            writer.formula(book.potential, equations.potential, "V", "J"),
+            writer.formula(book.kinetic, equations.kinetic, "T_", "J"),
+            writer.formula(book.potential, equations.potential, "V_", "J"),
         ),
         slopes=_write_slopes(writer, _list_energy_slopes(writer, equations)),
     )
@@ -192,21 +192,22 @@ def _find_ratio(value: PolyElement, known: PolyElement) -> PolyElement | None:
 
 def _write_coriolis(writer: ChapterWriter, equations: matrices.Equations) -> Chapter:
     require(matrices.check_skew(equations), "dM/dt - 2C is not skew")
-    # Christoffel symbols that differ by more than a sign and a number have letters: h, or h with a number.
+    # Christoffel symbols that differ by more than a sign and a number have letters: h, or h with a number,
+    # or another letter where the robot file has such symbols.
+    known = " ".join(name for name, _ in writer.model.robot.symbols)
+    head = next(x for x in "hbefuw" if not re.search(rf"\b{x}_?\d*\b", known))
     found: dict[tuple[int, int, int], PolyElement] = {}
     for place, value in equations.christoffel.items():
-        if value and not any(_find_ratio(value, known) for known in found.values()):
+        if value and not any(_find_ratio(value, other) for other in found.values()):
             found[place] = value
-    single = len(found) == 1
-    named = [
-        ("h" if single else f"h_{{{k}}}", "h" if single else f"h{k}", value)
-        for k, value in enumerate(found.values(), start=1)
-    ]
-    symbols = []
-    for place, (letter, name, value) in zip(found, named, strict=True):
+    named, symbols = list[tuple[str, str, PolyElement]](), []
+    for number, (place, value) in enumerate(found.items(), start=1):
+        letter = head if len(found) == 1 else f"{head}_{{{number}}}"
         turning = sum(not writer.model.robot.axes[joint].prismatic for joint in place)
-        left = f"{letter} = c_{{{''.join(str(joint + 1) for joint in place)}}}"
-        symbols.append(writer.formula(left, value, name, ("kg", "kg m", "kg m²")[turning - 1]))
+        indices = [str(joint + 1) for joint in place]
+        named.append((letter, f"h{'_'.join(indices)}", value))
+        left, unit = f"{letter} = c_{{{''.join(indices)}}}", ("kg", "kg m", "kg m²")[turning - 1]
+        symbols.append(writer.formula(left, value, named[-1][1], unit))
     products = _write_products(writer, equations, named) if named else []
     return fill_chapter("coriolis", writer.book, symbols=symbols, elements=products)
 

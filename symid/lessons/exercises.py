@@ -53,8 +53,6 @@ from symid.lessons.chapters import (
     LANGUAGES,
     WRITTEN_OUT,
     Lesson,
-    Words,
-    list_items,
     list_slides,
     load_words,
     write_decimals,
@@ -71,11 +69,11 @@ _POSTURES = ((Integer(0), "0", "0"), *((k * pi / 2, rf"{90 * k}^\circ", f"{90 * 
 _FORMULAS = {
     r"M\d+_\d+": "What is the element {0} of the inertia matrix at {1}?",
     r"J\d+_\d+": "What is the element {0} of the Jacobian at {1}?",
-    r"h\d*": "What is the Christoffel symbol {0} at {1}?",
+    r"h\d+_\d+_\d+": "What is the Christoffel symbol {0} at {1}?",
     r"g\d+_": "What is the gravity term {0} at {1}?",
 }
 """Questions for a formula, by the names of what is asked for."""
-_WITH = "With the values of the lesson, "
+_WITH = "With the values given, "
 _NUMBERS = {
     "rest": (_WITH + "which {what} ({unit}) holds joint {{0}} at rest at {{1}}? To one percent.", "g{0}_"),
     "start": (
@@ -88,7 +86,7 @@ _NUMBERS = {
         "friction? To one percent.",
         "C{0}_{1} g{0}_",
     ),
-    "energy": (_WITH + "what is the kinetic energy (J) at {{1}} with {{2}}? To one percent.", "T"),
+    "energy": (_WITH + "what is the kinetic energy (J) at {{1}} with {{2}}? To one percent.", "T_"),
 }
 """Questions for a number, and the formulas that it follows from, those of joint {0} and of all joints {1}."""
 
@@ -115,9 +113,7 @@ class Exercise:
     needed: frozenset[str] = frozenset()
 
 
-def draw_exercises(
-    lesson: Lesson, count: int, rng: np.random.Generator, words: Words = str
-) -> tuple[Exercise, ...]:
+def draw_exercises(lesson: Lesson, count: int, rng: np.random.Generator) -> tuple[Exercise, ...]:
     """Return exercises on a lesson, in its language, formulas at right angles and numbers in turn.
 
     A quantity is asked for again only where there are no others.
@@ -127,7 +123,7 @@ def draw_exercises(
     for k in range(50 * count):
         # One kind in vain again and again: the robot has none, or no more of it.
         maker = makers[(len(found) + vain // _PATIENCE) % len(makers)]
-        one = maker(lesson, rng, len(found) // len(makers) + vain, words)
+        one = maker(lesson, rng, len(found) // len(makers) + vain)
         vain += 1
         known = sum(one.about == other.about for other in found.values()) if one else 0
         if one is not None and known <= k // (10 * count) and one.prompt not in found:
@@ -137,10 +133,9 @@ def draw_exercises(
     return tuple(found.values())
 
 
-def _ask_formula(lesson: Lesson, rng: np.random.Generator, turn: int, words: Words) -> Exercise | None:
+def _ask_formula(lesson: Lesson, rng: np.random.Generator, turn: int) -> Exercise | None:
     robot, book, slides = lesson.robot, lesson.book, list_slides(lesson.robot)
-    items = [item for chapter in lesson.chapters for item in list_items(chapter.items)]
-    short = [item for item in items if item.code and 4 < len(item.sympy) <= _LONGEST_ANSWER]
+    short = [item for item in lesson.formulas if 4 < len(item.sympy) <= _LONGEST_ANSWER]
     kinds = {form: [x for x in short if re.fullmatch(form, x.name)] for form in _FORMULAS}
     if not (asked := [form for form, some in kinds.items() if some]):
         return None
@@ -163,7 +158,7 @@ def _ask_formula(lesson: Lesson, rng: np.random.Generator, turn: int, words: Wor
     answer = re.sub(r"\w+", lambda name: textbook.write_name(name[0], book, slides), str(found))
     # A Christoffel symbol h1 = c112 is asked for by its indices.
     left, coordinate = item.latex.split(" = ")[-2], textbook.write_symbol(f"q{joint}", book, slides)
-    ask = words(_FORMULAS[form]).format
+    ask = load_words(lesson.language)(_FORMULAS[form]).format
     given = f"{show_plain(coordinate)} = {shown[1]}"
     return Exercise(
         prompt=ask(f"${left}$", f"${coordinate} = {shown[0]}$"),
@@ -176,7 +171,7 @@ def _ask_formula(lesson: Lesson, rng: np.random.Generator, turn: int, words: Wor
     )
 
 
-def _ask_number(lesson: Lesson, rng: np.random.Generator, turn: int, words: Words) -> Exercise | None:
+def _ask_number(lesson: Lesson, rng: np.random.Generator, turn: int) -> Exercise | None:
     robot, book, freedom = lesson.robot, lesson.book, lesson.robot.freedom
     kinds = list(_NUMBERS)[: None if freedom <= WRITTEN_OUT else 1]
     kind, place = kinds[turn % len(kinds)], int(rng.integers(freedom))
@@ -196,25 +191,18 @@ def _ask_number(lesson: Lesson, rng: np.random.Generator, turn: int, words: Word
     what, unit = ("force", "N") if robot.axes[place].prismatic else ("torque", "N m")
     sentence, formulas = _NUMBERS[kind]
     unit = "J" if kind == "energy" else unit
-    ask = words(sentence.format(what=what, unit=unit)).format
-    dots = {"start": "ddot", "rest": ""}.get(kind, "dot")
-    sides = [(book.coordinates, q), (rf"\{dots} {{{book.coordinates}}}", rates)][: 1 if kind == "rest" else 2]
-    texts = [", ".join(f"{x:g}" for x in numbers) for _, numbers in sides]
+    ask = load_words(lesson.language)(sentence.format(what=what, unit=unit)).format
+    prompt: list[object] = [robot.coordinates[place] + 1]
+    plain = [*prompt]
+    dots = {"start": r"\ddot ", "rest": ""}.get(kind, r"\dot ")
+    sides = [(book.coordinates, q), (f"{dots}{{{book.coordinates}}}", rates)]
+    for letter, numbers in sides[: 1 if kind == "rest" else 2]:
+        text = ", ".join(f"{x:g}" for x in numbers)
+        prompt.append(f"${letter} = ({write_decimals(text, lesson.language, tex=True)})$")
+        plain.append(f"{show_plain(letter)} = ({write_decimals(text, lesson.language)})")
     return Exercise(
-        prompt=ask(
-            robot.coordinates[place] + 1,
-            *(
-                f"${letter} = ({write_decimals(text, lesson.language, tex=True)})$"
-                for (letter, _), text in zip(sides, texts, strict=True)
-            ),
-        ),
-        plain=ask(
-            robot.coordinates[place] + 1,
-            *(
-                f"{show_plain(letter)} = ({write_decimals(text, lesson.language)})"
-                for (letter, _), text in zip(sides, texts, strict=True)
-            ),
-        ),
+        prompt=ask(*prompt),
+        plain=ask(*plain),
         answer=write_decimals(f"{number:.5g}", lesson.language),
         about=f"{kind} {'' if kind == 'energy' else place}",
         note=unit,
@@ -242,8 +230,7 @@ def _compute_torques(
 
 def _list_needed(lesson: Lesson, formulas: str, place: int) -> frozenset[str]:
     """Return the letters with values that formulas of the lesson come down to, and those of springs."""
-    items = list_items([item for chapter in lesson.chapters for item in chapter.items])
-    codes = {item.name: item.code for item in items if item.name and item.code}
+    codes = {item.name: item.code for item in lesson.formulas}
     others = range(1, lesson.robot.freedom + 1)
     wanted = {name.format(place + 1, k) for name in formulas.split() for k in others}
     springs = {entry.name for entry in lesson.model.base.parameters if entry.label[1] in ("KS", "KR")}
@@ -271,8 +258,7 @@ def list_values(lesson: Lesson, exercises: Sequence[Exercise]) -> list[tuple[str
 
 def find_example(lesson: Lesson) -> str:
     """Return a short formula of the lesson as text, with a sine where one has; empty without any."""
-    items = list_items([item for chapter in lesson.chapters for item in chapter.items])
-    texts = [item.text for item in items if item.code and "*" in item.text and not item.name.startswith("J")]
+    texts = [x.text for x in lesson.formulas if "*" in x.text and not x.name.startswith("J")]
     return min(
         texts, key=lambda text: (not re.search(r"\b[csCS]\d|\bcos|\bsin", text), len(text)), default=""
     )
@@ -289,17 +275,17 @@ _SHARE, _IN_A_ROW = 0.01, 6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AnswerSheet:
-    """What a sheet holds: `settings` of its exercises; by number the `prompts` and typed `answers`."""
+    """What a sheet holds: `settings` of its exercises, lines of values; by number `prompts` and `answers`."""
 
     settings: Mapping[str, str]
+    values: tuple[str, ...]
     prompts: Mapping[int, str]
     answers: Mapping[int, str]
 
 
-def write_sheet(
-    lesson: Lesson, exercises: Sequence[Exercise], settings: Mapping[str, object], words: Words = str
-) -> str:
+def write_sheet(lesson: Lesson, exercises: Sequence[Exercise], settings: Mapping[str, object]) -> str:
     """Return the sheet for students: every question, and a line for its answer."""
+    words = load_words(lesson.language)
     drawn = " ".join(f"--{name} {value}" for name, value in settings.items() if value is not None)
     example = find_example(lesson)
     first = "# Exercises on {0}. Type each answer behind its =; it may go on in indented lines."
@@ -308,10 +294,7 @@ def write_sheet(
         formulas = "# Formulas in the letters of the lesson, such as {0}, or {1}."
         lines.append(words(formulas).format(example, example.replace("*", " ")))
     lines.append(words("# Numbers may be formulas too."))
-    if values := list_values(lesson, exercises):
-        pairs = (f"{show_plain(name)} = {write_decimals(x, lesson.language)}" for name, x in values)
-        listed, mark = list(pairs), ", " if lesson.language == "en" else "; "
-        rows = [mark.join(listed[k : k + _IN_A_ROW]) for k in range(0, len(listed), _IN_A_ROW)]
+    if rows := _write_values(lesson, exercises):
         lines += [words("# Values in SI units, angles in rad:"), *(f"#   {row}" for row in rows)]
     lines += [
         words("# To mark: symid derive ROBOT --check FILE"),
@@ -322,13 +305,21 @@ def write_sheet(
     return "\n".join(lines) + "\n"
 
 
+def _write_values(lesson: Lesson, exercises: Sequence[Exercise]) -> list[str]:
+    mark, pairs = ", " if lesson.language == "en" else "; ", list_values(lesson, exercises)
+    texts = [f"{show_plain(name)} = {write_decimals(x, lesson.language)}" for name, x in pairs]
+    return [mark.join(texts[k : k + _IN_A_ROW]) for k in range(0, len(texts), _IN_A_ROW)]
+
+
 def read_sheet(text: str, file: str) -> AnswerSheet:
     """Return what stands in a sheet; an InputError names all mistakes, such as a number with two answers."""
     settings, prompts, answers = dict[str, str](), dict[int, str](), dict[int, str]()
-    notices, last = list[Notice](), 0
+    notices, last, values = list[Notice](), 0, list[str]()
     for place, line in enumerate(text.splitlines(), start=1):
         if line.startswith("#") and "--exercises" in line:
             settings = dict(_SETTING.findall(line))
+        elif line.startswith("#   "):
+            values.append(line.removeprefix("#").strip())
         elif match := _PROMPT.match(line):
             prompts[int(match[1])], last = match[2].strip(), 0
         elif match := _ANSWER.match(line.strip()):
@@ -345,7 +336,7 @@ def read_sheet(text: str, file: str) -> AnswerSheet:
         notices.append(Notice(code="lesson.no-sheet", text=what, file=file))
     if notices:
         raise InputError(*notices)
-    return AnswerSheet(settings=settings, prompts=prompts, answers=answers)
+    return AnswerSheet(settings=settings, values=tuple(values), prompts=prompts, answers=answers)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -375,10 +366,12 @@ def mark_sheet(robot: Robot, sheet: AnswerSheet, file: str, lang: str = "") -> t
     lesson = build_lesson(robot, book, cast("Parameterisation | None", form), settings["lang"])
     rng = np.random.default_rng(int(settings["seed"]))
     count = min(int(settings["exercises"]), MOST_EXERCISES)
-    drawn = draw_exercises(lesson, count, rng, load_words(settings["lang"]))
+    drawn = draw_exercises(lesson, count, rng)
     asked = {number: one.plain for number, one in enumerate(drawn, start=1)}
-    if asked != dict(sheet.prompts):
-        text = f"its questions are not those of {robot.name} with these settings; give the robot that the "
+    same = sheet.values in ((), tuple(_write_values(lesson, drawn)))
+    if asked != dict(sheet.prompts) or not same:
+        what = "questions" if same else "values"
+        text = f"its {what} are not those of {robot.name} with these settings; give the robot that the "
         text += "sheet was written for, or write it again with this version"
         raise InputError(Notice(code="lesson.other-exercises", text=text, file=file))
     language = lang or settings["lang"]
@@ -455,8 +448,7 @@ def list_spellings(lesson: Lesson) -> dict[str, str]:
     pairs = [(textbook.write_name(name, book, slides), name) for name in letters]
     pairs += [(rewrite_formula(textbook.write_symbol(name, book, slides)).strip(), name) for name in letters]
     pairs += [(name, name) for name in letters]
-    items = list_items([item for chapter in lesson.chapters for item in chapter.items])
-    for item in (item for item in items if item.name and item.code):
+    for item in lesson.formulas:
         left = rewrite_formula(item.latex.partition(" = ")[0]).strip() or item.name
         # C12 is a cosine where the book writes it so, elsewhere an element of the matrix.
         pairs += [(x, item.name) for x in (left, item.name) if x[:1] not in (book.sine, book.cosine)]
@@ -750,17 +742,13 @@ def _is_equal(field: _Field, left: Expression, right: Expression) -> bool:
 def list_closed(lesson: Lesson) -> list[str]:
     """Return the names of formulas that others are not written in: elements of matrices, h1, energies."""
     own = {*map(str, lesson.model.algebra.ring.symbols)}
-    items = list_items([item for chapter in lesson.chapters for item in chapter.items])
-    named = {item.name for item in items if item.code and not item.name.startswith("beta_")}
-    return sorted(named - own - {""})
+    return sorted({x.name for x in lesson.formulas if not x.name.startswith("beta_")} - own)
 
 
 def build_comparison(lesson: Lesson) -> FormulaComparison:
     """Return what formulas typed for a lesson are compared in."""
     robot, model = lesson.robot, lesson.model
-    items = list_items([item for chapter in lesson.chapters for item in chapter.items])
-    known = ((item.name, item.code) for item in items if item.name and item.code)
-    formulas = {name: read_formula(_JAVASCRIPT.sub("", code)) for name, code in known}
+    formulas = {x.name: read_formula(_JAVASCRIPT.sub("", x.code)) for x in lesson.formulas}
     own = list(map(str, model.algebra.ring.symbols))
     spellings = list_spellings(lesson)
     further = [name for name in dict.fromkeys(spellings.values()) if name not in {*own, *formulas}]

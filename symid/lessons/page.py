@@ -43,7 +43,6 @@ from symid.lessons.chapters import (
     Words,
     fill_chapter,
     find_tip,
-    list_items,
     list_slides,
     load_pairs,
     load_words,
@@ -129,7 +128,7 @@ def write_lesson(
     lesson, words = build_lesson(robot, book, form, language), load_words(language)
     what = "{0}: exercises" if alone else "{0}: equation of motion"
     lesson = replace(lesson, title=title or words(what).format(robot.name), author=author)
-    drawn = draw_exercises(lesson, exercises, np.random.default_rng(seed), words)
+    drawn = draw_exercises(lesson, exercises, np.random.default_rng(seed))
     write = _write_document if tex else _write_page
     text = write(lesson, drawn, logged, words, alone=alone)
     if not drawn:
@@ -140,7 +139,7 @@ def write_lesson(
     letter, own = lesson.book.angle, get_book(lesson.book.name).angle
     angle = None if letter == own else letter.removeprefix("\\")
     settings = {"exercises": exercises, "seed": seed, "parameters": form, "notation": lesson.book.name}
-    sheet = write_sheet(lesson, drawn, {**settings, "angle": angle, "lang": language}, words)
+    sheet = write_sheet(lesson, drawn, {**settings, "angle": angle, "lang": language})
     return LessonPage(text=text, answers=answers, sheet=sheet)
 
 
@@ -169,7 +168,8 @@ def _write_exercises(lesson: Lesson, drawn: Sequence[Exercise], page: str) -> Ch
         shown=page and example,
         short=example.replace("*", " "),
         letters=letters,
-        values=", ".join(f"${name} = {value}$" for name, value in list_values(lesson, drawn)),
+        # Braces keep an equation in one line.
+        values=", ".join(f"${{{name} = {value}}}$" for name, value in list_values(lesson, drawn)),
     )
     return translate_chapter(chapter, lesson.language)
 
@@ -194,8 +194,6 @@ def _write_page(
         sections.append(f'<section id="{chapter.anchor}">{heading}\n{body}\n</section>')
         contents += f'<li><a href="#{chapter.anchor}">{title}</a></li>'
     file = Path(robot.path).name or robot.name
-    # Formulas with values as JavaScript, each after those that it needs.
-    items = [item for chapter in chapters for item in list_items(chapter.items) if item.name and item.code]
     # The motion of the log: q, dq, ddq of each sample, to 1e-6 of the SI unit.
     log = None
     if logged is not None:
@@ -248,7 +246,7 @@ def _write_page(
         "STYLE": re.sub(r"@font-face\{[^}]*\}", put, style) + read("lesson.css"),
         "KATEX": read("katex/katex.min.js"),
         "FUNCTIONS": f"{functions}return {{ {', '.join(spec.name for spec in specs)} }};",
-        "FORMULAS": ",\n".join(f"[{json.dumps(item.name)}, (v) => {item.code}]" for item in items),
+        "FORMULAS": ",\n".join(f"[{json.dumps(item.name)}, (v) => {item.code}]" for item in lesson.formulas),
         "EXERCISES": ",\n".join(asked),
         "DATA": _write_json({**_describe(lesson), "log": log}),
         "SCRIPT": "".join(read(f"{name}.js") for name in _SCRIPTS),

@@ -174,7 +174,7 @@ def test_marks_are_told_apart(lesson, capsys):
     asked = re.findall(r"^\d+\. (.*)$", written.sheet.read_text("utf-8"), re.MULTILINE)
     assert "g1 at q2 = 180" in asked[0]
     assert "c112 at q2 = 90" in asked[2]
-    known = "g c1 (L1 m2 +\n   m1 lc1 - lc2 m2)"
+    known = "g c1 (L1\N{SUPERSCRIPT TWO} m2/L1 +\n   m1 lc1 - lc2 m2)"
     wrong = {1: known, 2: "", 3: "h + m2", 4: "2.0446", 5: "m2 lc2 g c12", 6: "4.8 (Nm)", 7: "", 8: "h(("}
     path = fill(written, wrong)
     entries = robot.check_answers(path).answers
@@ -189,6 +189,7 @@ def test_marks_are_told_apart(lesson, capsys):
     assert run(["derive", "two_link_symbols", "--check", str(path), "-q"]) == 1
     printed = capsys.readouterr()
     assert "2 of 8 right" in printed.out
+    assert "g c1 (L1\N{SUPERSCRIPT TWO} m2/L1 + m1 lc1 - lc2 m2)" in printed.out
     assert "not answered" in printed.out
     assert "the formula is not finished" in printed.out
     assert "4 of 8 answers are not right; 2 of 8 not answered" in printed.err
@@ -214,6 +215,7 @@ def test_a_sheet_of_another_robot_or_without_settings_is_refused(lesson):
         (text.replace("exercises 8", "exercises many").encode(), "was changed"),
         (text.replace("notation symid", "notation none").encode(), "was changed"),
         (text.replace("lang en", "lang xx").encode(), "was changed"),
+        (text.replace("g = 9.81", "g = 9.8").encode(), "its values are not those of two_link_symbols"),
         (b"\xff\xfe\x00", "no text in UTF-8"),
     ):
         path.write_bytes(changed)
@@ -274,7 +276,7 @@ def test_numbers_follow_from_the_values_of_the_sheet_alone(name):
         kind, _, place = one.about.partition(" ")
         i, others = int(place or 0) + 1, range(1, size + 1)
         if kind == "energy":
-            found = take("T")
+            found = take("T_")
         else:
             found = take(f"g{i}_")
             found += sum(

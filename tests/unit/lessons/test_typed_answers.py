@@ -234,3 +234,24 @@ def test_books_with_masses_have_them_for_every_robot(name, notation):
         assert re.search(r"\b(m|I)\d", item.sympy) or item.sympy.startswith(("IA", "K")), item.sympy
     for item in list_formulas(build(name, "khalil")):
         assert not item.name.startswith("beta_")
+
+
+def test_symbols_of_the_file_keep_their_letters():
+    """Formulas of the lesson have other names and letters than symbols that are called h, T or V."""
+    robot = load_robot("two_link_symbols")
+    text = (locate_resource_folder("robots") / "two_link_symbols.toml").read_text(encoding="utf-8")
+    for old, new in (("L1", "h"), ("lc1", "T"), ("lc2", "V")):
+        text = re.sub(rf"\b{old}\b", new, text)
+    lesson, plain = (build_lesson(one, get_book("symid")) for one in (parse_robot(text), robot))
+    names = [item.name for item in lesson.formulas]
+    assert len({*names}) == len(names)
+    assert not {*names} & {*lesson.values}
+    assert [item.latex for item in lesson.formulas if "c_{112}" in item.latex] == [
+        r"b = c_{112} = -m_{2} \, V \, h \, s_{2}"
+    ]
+    comparison = build_comparison(lesson)
+    pairs = [pair for pair in zip(lesson.formulas, plain.formulas, strict=True) if pair[1].text]
+    assert len(pairs) > 10
+    for mine, other in pairs:
+        renamed = re.sub(r"\bL1\b", "h", other.text).replace("lc1", "T").replace("lc2", "V")
+        assert comparison.compare(renamed, mine.code)[0]
