@@ -79,13 +79,13 @@ def check_recording(recording: Recording, robot: Robot) -> tuple[Notice, ...]:
                 found.append(("log.no-second-encoder", f"{text}, and torsion is unknown; check the column"))
     if recording.velocity is not None and np.all(np.isfinite(recording.velocity)):
         # The integral of the logged velocity, which may have a small bias, against the position.
-        velocity = recording.velocity
-        steps = 0.5 * np.diff(recording.time)[:, None] * (velocity[1:] + velocity[:-1])
-        ways = np.pad(np.cumsum(steps, axis=0), ((1, 0), (0, 0)))
+        steps = 0.5 * np.diff(recording.time)
         for index, joint in enumerate(robot.axes):
-            position, integral = map(take_line_off, (recording.position[:, index], ways[:, index]))
+            moved, velocity = recording.position[:, index], recording.velocity[:, index]
+            way = np.append(0.0, np.cumsum(steps * (velocity[1:] + velocity[:-1])))
+            position, integral = map(take_line_off, (moved, way))
             sizes = float(np.linalg.norm(position)), float(np.linalg.norm(integral))
-            if not min(sizes) or np.ptp(recording.position[:, index]) < _LEAST_WAY:
+            if not min(sizes) or np.ptp(moved) < _LEAST_WAY:
                 continue
             likeness = float(position @ integral) / (sizes[0] * sizes[1])
             ratio = sizes[1] / sizes[0] * np.sign(likeness)

@@ -201,8 +201,9 @@ def extract_time(raw: RawLog, robot: Robot, findings: Findings) -> tuple[FloatAr
         findings.refuse("log.time-columns", f"time has {array.shape[1]} columns, it must have one")
         return None, names
     factor = found[1] * (mapped.factor[0] if mapped else 1.0)
-    if factor != 1.0:
-        findings.remark("log.converted", f"time: column {names[0]!r} in {unit} was multiplied by {factor:g}")
+    if factor == 1.0:
+        return array[:, 0], names
+    findings.remark("log.converted", f"time: column {names[0]!r} in {unit} was multiplied by {factor:g}")
     return array[:, 0] * factor, names
 
 

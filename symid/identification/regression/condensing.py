@@ -457,6 +457,7 @@ class CondensedLogs:
         """Build the rows of all bands, and cut them into blocks."""
         self.bands, self._width, self._library = tuple(bands), len(library.card.fitted), library
         self.period = recordings[0].period * max(1, round(1.0 / (recordings[0].period * ROW_RATE)))
+        self.repeats = measure_repetition(recordings[0], bands[SCORING]) if len(recordings) == 1 else 0.0
         self._pieces = [
             _build_piece(library, run, recording, processing, bands, cutoff)
             for run, recording in pick_pieces(recordings)
@@ -479,7 +480,6 @@ class CondensedLogs:
                     rest[:, k] |= mask_rest(speed[:, k], float(top[k]), length)
         acts = np.any([piece.acts for piece in self._pieces], axis=0)
         self._live = tuple(map(np.flatnonzero, acts))
-        self.repeats = measure_repetition(recordings[0], bands[SCORING]) if len(recordings) == 1 else 0.0
         log, fold, self._blocks = list[int](), list[int](), list[NDArray[np.intp]]()
         runs = [piece.run for piece in self._pieces]
         each = max(2, math.ceil(POLICY.folds / (runs[-1] + 1)))

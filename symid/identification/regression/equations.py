@@ -169,7 +169,9 @@ def cut_matrix(
 
         def evaluate_friction(part: slice) -> FloatArray:
             states = signals.cut(part).pick_states(slice(None))
-            return np.concatenate(_evaluate_friction(library, states), axis=2).reshape(len(states[0]), -1)
+            found = _evaluate_friction(library, states)
+            columns = found[0] if len(found) == 1 else np.concatenate(found, axis=2)
+            return columns.reshape(len(columns), -1)
 
         thin = logs.choose_thinning(processing, signals.period)
         settings = len(signals.time), processing.decimation
