@@ -8,7 +8,7 @@ from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
     "files of symid/": 223,
-    "lines": 83_648,  # Fits of robots with other tools are told apart; each C library has an example.
+    "lines": 83_650,  # Fits of robots with other tools are told apart; each C library has an example.
     "imports inside functions": 76,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
     "lines of tests": 61_868,  # Tools on a flange, and their fits: that is tested.
