@@ -503,8 +503,8 @@ def read_raw(path: Path) -> RawLog:
         kind = "a folder" if path.is_dir() else "a device"
         raise build_file_error(path, f"this is {kind}, not a log", "log.unreadable")
     with warnings.catch_warnings(record=True) as said:
-        for kind in (UserWarning, RuntimeWarning, SyntaxWarning):
-            warnings.simplefilter("always", kind)
+        for category in (UserWarning, RuntimeWarning, SyntaxWarning):
+            warnings.simplefilter("always", category)
         try:
             raw = reader(path)
         except PermissionError as error:
