@@ -11,7 +11,7 @@ MOST = {
     "lines": 83_731,  # Torques beyond the limits of the joints cap what a fit is worth.
     "imports inside functions": 76,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
-    "lines of tests": 61_740,  # Each warning says what to do, long logs pass in parts: that is tested.
+    "lines of tests": 61_743,  # Each warning says what to do, long logs pass in parts: that is tested.
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }
