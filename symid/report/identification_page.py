@@ -20,13 +20,12 @@ from typing import Any
 
 import numpy as np
 
+from symid import identification
 from symid.arrays import FloatArray
 from symid.errors import Notice, UsageError
 from symid.identification import (
     FrictionValidation,
     TaskContext,
-    build_bodies,
-    build_identified,
     diagnose_fit,
     elastic,
     friction,
@@ -580,8 +579,9 @@ def _suggest_step(
     elif not tested:
         words, why = ["validate", name, stored, "LOG"], "Test it on a log of another motion"
     elif isinstance(estimate, Estimate) and known is not None:
-        identified = build_identified(known[0], estimate, Path(stored))
-        _, costs = build_bodies(identified, known[1].prepare(identified.robot))
+        # Its names are loaded on use: bodies need SymPy.
+        identified = identification.build_identified(known[0], estimate, Path(stored))
+        _, costs = identification.build_bodies(identified, known[1].prepare(identified.robot))
         if over := [entry.percent for entry in costs if entry.percent > entry.limit]:
             words += ["--limit", f"{0.1 * math.ceil(10.0 * max(over)):.3g}"]
             why += f", in the nearest bodies: they change the torque of a joint by up to {max(over):.2g} %; "

@@ -1,10 +1,12 @@
 """The page of the judge: its table is the policy in use."""
 
+import math
 import re
 from dataclasses import asdict
 
 from symid.identification.judge import POLICY
 from symid.logs.checks import OVERLOAD
+from symid.options import ExportOptions, list_options
 from tests.pages import DOCS
 
 
@@ -15,3 +17,10 @@ def test_the_table_is_the_policy():
         (name, float(value)) for name, value in asdict(POLICY).items()
     ]
     assert POLICY.overload == OVERLOAD, "logs warn by the number of verdicts"
+
+
+def test_the_help_of_export_states_its_defaults():
+    options = list_options(ExportOptions)
+    least, part = 100.0 * POLICY.relevance, math.sqrt(POLICY.relevance)
+    assert f"default: {least:g}, or {part:.2f} times the held-out residual" in options["limit"].meaning
+    assert f"[default: {POLICY.scale:g}, and {POLICY.overload:g} for the limit]" in options["ratio"].meaning

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.calls import ask, do, fail, list_codes, say
+from tests.calls import ask, do, fail, find_texts, list_codes, say
 from tests.urdfs import pin
 
 LINK = """<link name="{name}"><inertial><origin xyz="{com}" rpy="0 0 0"/><mass value="{mass}"/>
@@ -96,7 +96,10 @@ def test_currents_never_make_a_robot_of_another_size(arm, rotors):
     assert fail(*draft(arm, *rotors)) == (3, "new.torque-constant")
     # What the user states wrongly is said by all three verbs, and no file is written.
     do(*draft(arm, *rotors, "--gear", "1"))
-    assert "log.effort-size" in list_codes(do("check", "arm.toml", "amps.csv"))
+    # Amperes are stated already, and not asked for.
+    text = find_texts(do("check", "arm.toml", "amps.csv"), "log.effort-size")
+    assert "torque constants, gears or the side of the currents may be wrong" in text
+    assert "--units" not in text
     code, answer = ask("identify", "arm.toml", "amps.csv", "-o", "fit.json")
     assert (code, answer["result"]["verdict"]["level"]) == (0, "doubtful")
     assert "identify.scale" in list_codes(answer)

@@ -406,9 +406,20 @@ class FitRecord:
 
     @property
     def beyond_limit(self) -> dict[str, tuple[float, float]]:
-        """Return torque and limit, N m or N, of joints whose torques in the logs were far beyond, by name."""
+        """Return torque and limit, N m or N, of joints whose torques in the logs were far beyond, by name.
+
+        An EstimateError where a file holds something else.
+        """
         stored: Any = self.settings.get("beyond_limit", {})
-        return {joint: (torque, most) for joint, (torque, most) in stored.items()}
+        try:
+            found = {joint: (float(torque), float(most)) for joint, (torque, most) in stored.items()}
+        except (AttributeError, TypeError, ValueError):
+            found = {"": (0.0, 0.0)}
+        if all(0.0 < most < torque < math.inf for torque, most in found.values()):
+            return found
+        text = "its settings have no usable 'beyond_limit': expected a torque and the limit below it of each "
+        text += f"joint, got {stored!r:.60}; identify again"
+        raise EstimateError(Notice(code="estimate.settings", text=text))
 
     @abstractmethod
     def list_mistakes(self) -> list[str]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from symid.codegen.functions import ParameterCard
-from symid.errors import Notice
+from symid.errors import EstimateError, Notice
 from symid.identification.elastic.estimate import ElasticEvidence, HistoryEntry, MethodTrial
 from symid.identification.elastic.validation import ElasticTrial, JointTrial, TrackingRun, evaluate_elastic
 from symid.identification.estimators.estimate import ParameterEstimate, Residual
@@ -22,6 +22,7 @@ from symid.report.pages import render_page
 from symid.report.verdict import judge_elastic
 from symid.serialization import compute_file_digest
 from tests.estimates import build_elastic_estimate
+from tests.mistakes import refuse
 from tests.pages import PageReader
 from tests.recovery.closed_form import build_one_axis
 
@@ -165,6 +166,10 @@ def test_torques_beyond_the_limits_of_joints_make_elastic_fits_doubtful(estimate
     found = judge_elastic(beyond, [trial])
     assert found.level == "doubtful"
     assert "limits of the joints: two 2.5 times" in found.headline
+    for odd in (5, {"two": 5}, {"two": ["x", 1]}, {"two": [50.0, 0.0]}, {"two": [1.0, 2.0]}):
+        changed = replace(estimate, settings={"beyond_limit": odd})
+        (notice,) = refuse(judge_elastic, changed, [trial], error=EstimateError)
+        assert "'beyond_limit'" in notice.text
 
 
 def test_springs_are_compared_by_values_that_thresholds_do_not_change(estimate):
