@@ -135,6 +135,8 @@ test-browser: $(VENV)/dev
 # What test-tex still wants of Debian; nothing if it is there. 100 MB, so that .ci/run leaves it out.
 tex-packages:
 	@command -v pdflatex >/dev/null || echo texlive-latex-base
+	@kpsewhich lmodern.sty >/dev/null 2>&1 || echo lmodern
+	@kpsewhich ngerman.ldf >/dev/null 2>&1 || echo texlive-lang-german
 
 test-tex: $(VENV)/dev
 	@missing=$$($(MAKE) --silent --no-print-directory tex-packages); \

@@ -407,9 +407,10 @@ def _write_row(writer: ChapterWriter, index: int) -> tuple[str, ...]:
 def _write_variables(writer: ChapterWriter, index: int, turn: str, offset: Exact) -> tuple[str, str]:
     """Return theta and d of a row, the coordinate of its joint in one of them."""
     q, d = writer.coordinate(index), _write_exact(offset, writer)
-    if writer.model.robot.joints[index].prismatic:
-        return f"${turn}$", f"${q} + {d}$" if d != "0" else f"${q}$"
-    return f"${q} + {turn}$" if turn != "0" else f"${q}$", f"${d}$"
+    slides = writer.model.robot.joints[index].prismatic
+    fixed = d if slides else turn
+    moving = q if fixed == "0" else f"{q} - {fixed[1:]}" if fixed.startswith("-") else f"{q} + {fixed}"
+    return (f"${turn}$", f"${moving}$") if slides else (f"${moving}$", f"${d}$")
 
 
 def _write_standard_row(

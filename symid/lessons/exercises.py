@@ -63,6 +63,8 @@ from symid.robot import Robot
 
 MOST_EXERCISES = 50
 """On one page."""
+_MARKS = {"en": ", ", "de": "; "}
+"""Between numbers of a language."""
 _LONGEST_ANSWER, _SMALL, _PATIENCE = 140, 1e-9, 12
 _POSTURES = ((Integer(0), "0", "0"), *((k * pi / 2, rf"{90 * k}^\circ", f"{90 * k}°") for k in (1, -1, 2)))
 """Angles of a joint in rad, and as they are written in LaTeX and as text."""
@@ -197,9 +199,11 @@ def _ask_number(lesson: Lesson, rng: np.random.Generator, turn: int) -> Exercise
     dots = {"start": r"\ddot ", "rest": ""}.get(kind, r"\dot ")
     sides = [(book.coordinates, q), (f"{dots}{{{book.coordinates}}}", rates)]
     for letter, numbers in sides[: 1 if kind == "rest" else 2]:
-        text = ", ".join(f"{x:g}" for x in numbers)
-        prompt.append(f"${letter} = ({write_decimals(text, lesson.language, tex=True)})$")
-        plain.append(f"{show_plain(letter)} = ({write_decimals(text, lesson.language)})")
+        # Each number is a formula of its own, so that long lines break between them.
+        texts = [write_decimals(f"{x:g}", lesson.language) for x in numbers]
+        shown = [f"${text.replace(',', '{,}')}$" for text in texts]
+        prompt.append(f"${letter}$ = ({_MARKS[lesson.language].join(shown)})")
+        plain.append(f"{show_plain(letter)} = ({_MARKS[lesson.language].join(texts)})")
     return Exercise(
         prompt=ask(*prompt),
         plain=ask(*plain),
@@ -246,7 +250,7 @@ def _list_needed(lesson: Lesson, formulas: str, place: int) -> frozenset[str]:
 
 def show_plain(latex: str) -> str:
     """Return a letter in LaTeX as a sheet shows it, and as it may be typed."""
-    return rewrite_formula(latex).replace("_", "").strip(" ()")
+    return re.sub(r"(?<!\d)_", "", rewrite_formula(latex)).strip(" ()")
 
 
 def list_values(lesson: Lesson, exercises: Sequence[Exercise]) -> list[tuple[str, str]]:
@@ -306,7 +310,7 @@ def write_sheet(lesson: Lesson, exercises: Sequence[Exercise], settings: Mapping
 
 
 def _write_values(lesson: Lesson, exercises: Sequence[Exercise]) -> list[str]:
-    mark, pairs = ", " if lesson.language == "en" else "; ", list_values(lesson, exercises)
+    mark, pairs = _MARKS[lesson.language], list_values(lesson, exercises)
     texts = [f"{show_plain(name)} = {write_decimals(x, lesson.language)}" for name, x in pairs]
     return [mark.join(texts[k : k + _IN_A_ROW]) for k in range(0, len(texts), _IN_A_ROW)]
 

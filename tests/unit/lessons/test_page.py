@@ -187,3 +187,14 @@ def test_the_motion_of_a_log_stands_in_the_page(tmp_path):
     assert samples[:, 0, 1] == pytest.approx(0.3, abs=1e-5)
     assert not samples[:, 1:, 1].any()
     assert '"log":null' in write_lesson_page(robot.description, get_book("symid"))
+
+
+@pytest.mark.parametrize("name", ["quadruped", "puma560", "scara", "ur5"])
+def test_rows_of_the_table_have_one_sign(name):
+    """An angle or offset beside a coordinate is added or subtracted."""
+    for notation in ("symid", "siciliano"):
+        rows = build_lesson(load_robot(name), get_book(notation)).chapters[0].items
+        cells = [text for item in rows for row in item.rows for text in row]
+        assert len(cells) > 20
+        assert not [text for text in cells if "+ -" in text or "- -" in text]
+    assert any(" - " in text for text in cells) == (name == "quadruped")
