@@ -8,10 +8,10 @@ from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
     "files of symid/": 223,
-    "lines": 83_761,  # Exercises of many kinds say which values they need; lessons overwrite nothing.
+    "lines": 83_763,  # Exercises of many kinds say which values they need; lessons overwrite nothing.
     "imports inside functions": 76,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
-    "lines of tests": 61_857,  # Each warning says what to do, long logs pass in parts: that is tested.
+    "lines of tests": 61_872,  # Each warning says what to do, long logs pass in parts: that is tested.
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }
