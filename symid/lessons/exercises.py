@@ -180,7 +180,9 @@ def _ask_number(lesson: Lesson, rng: np.random.Generator, turn: int) -> Exercise
     q = []
     for joint in robot.axes:
         low, high = joint.limits.position or ((0.1, 0.6) if joint.prismatic else (-1.5, 1.5))
-        q.append(round(float(rng.uniform(max(low, -1.5), min(high, 1.5))), 2 if joint.prismatic else 1))
+        # Within a quarter turn where the limits allow that.
+        low, high = max(low, min(-1.5, high)), min(high, max(1.5, low))
+        q.append(round(float(rng.uniform(low, high)), 2 if joint.prismatic else 1))
     rates, still = [round(float(x), 1) for x in rng.uniform(-2.0, 2.0, freedom)], [0.0] * freedom
     values = [q, rates if kind == "speed" else still, still if kind in ("rest", "speed") else rates]
     torques = _compute_torques(lesson, *values)

@@ -2,6 +2,7 @@
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -347,3 +348,17 @@ def test_exercises_alone(tmp_path, kind, capsys):
     assert "two_link: exercises" in text.replace("\\", "")
     whole = symid.load("two_link").write_lesson(tmp_path / "b.html", exercises=4)
     assert whole.sheet.read_bytes() == (tmp_path / "a.exercises.txt").read_bytes()
+
+
+def test_postures_are_within_the_limits():
+    """Those of a joint that never comes near its zero too."""
+    robot = load_robot("two_link")
+    first = replace(robot.joints[0], limits=replace(robot.joints[0].limits, position=(1.7, 2.9)))
+    second = replace(robot.joints[1], limits=replace(robot.joints[1].limits, position=(-2.9, -0.5)))
+    lesson = build_lesson(replace(robot, joints=(first, second)), get_book("symid"))
+    drawn = draw_exercises(lesson, 12, np.random.default_rng(2))
+    postures = [re.search(r" q = \((.*?), (.*?)\)", one.plain) for one in drawn if one.number is not None]
+    assert len(postures) >= 5
+    for q1, q2 in ((float(x) for x in found.groups()) for found in postures):
+        assert 1.7 <= q1 <= 2.9
+        assert -2.9 <= q2 <= -0.5
