@@ -12,6 +12,7 @@ Not supported: sizes from Mach-O, COFF or linked files; the stack of the mathema
 
 import contextlib
 import os
+import re
 import shutil
 import signal
 import struct
@@ -24,6 +25,7 @@ from pathlib import Path
 
 from symid.environment import make_scratch_folder
 from symid.errors import GenerationError, Notice
+from symid.serialization import compute_signature
 
 _ELF_MAGIC = b"\x7fELF"
 _ELF_SYMBOL_TABLE = 2
@@ -271,6 +273,12 @@ def diagnose_compiler(compiler: Compiler) -> str:
     return ""
 
 
+_OBJECTS: dict[str, bytes] = {}
+_MOST_OBJECTS = 100
+_PROTOTYPE = re.compile(r"\bint \w+\([^(){};]*\);")
+"""Object files of this process by what they were made of: models of a robot with other friction share most."""
+
+
 def compile_sources(
     compiler: Compiler, sources: Sequence[Path], output: Path, *, straight: bool = False
 ) -> Path:
@@ -281,14 +289,26 @@ def compile_sources(
     flags = (*compiler.flags, *_choose_flags(compiler, straight=straight))
     with make_scratch_folder() as scratch:
         objects = [scratch / f"{source.stem}.o" for source in sources]
-        commands = [
-            (compiler.path, *flags, "-c", str(source), "-o", str(target))
-            for source, target in zip(sources, objects, strict=True)
-        ]
         sizes, running = [source.stat().st_size for source in sources], Processes()
+
+        def make(source: Path, target: Path, size: int) -> None:
+            run = partial(_run_compiler, size=size, running=running, scratch=scratch)
+            command = (compiler.path, *flags, str(source))
+            # All that is compiled: names of folders and prototypes of functions make no code.
+            text = _PROTOTYPE.sub("", run((*command, "-E", "-P"))) if straight else ""
+            key = compute_signature(compiler, flags, text)
+            if straight and key in _OBJECTS:
+                target.write_bytes(_OBJECTS[key])
+                return
+            run((*command, "-c", "-o", str(target)))
+            if straight:
+                if len(_OBJECTS) >= _MOST_OBJECTS:
+                    _OBJECTS.clear()
+                _OBJECTS[key] = target.read_bytes()
+
         with ThreadPoolExecutor(max_workers=_WORKERS) as pool:
             try:
-                list(pool.map(partial(_run_compiler, running=running, scratch=scratch), commands, sizes))
+                list(pool.map(make, sources, objects, sizes))
             except BaseException:
                 # An interruption, or an error of one of them: nobody waits for the others.
                 pool.shutdown(wait=False, cancel_futures=True)
