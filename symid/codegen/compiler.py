@@ -274,9 +274,9 @@ def diagnose_compiler(compiler: Compiler) -> str:
 
 
 _OBJECTS: dict[str, bytes] = {}
+"""Object files of this process by what they are of: models of a robot with other friction share most."""
 _MOST_OBJECTS = 100
 _PROTOTYPE = re.compile(r"\bint \w+\([^(){};]*\);")
-"""Object files of this process by what they were made of: models of a robot with other friction share most."""
 
 
 def compile_sources(
