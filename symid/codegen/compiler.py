@@ -20,7 +20,7 @@ import subprocess
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
 
 from symid.environment import make_scratch_folder
@@ -273,10 +273,13 @@ def diagnose_compiler(compiler: Compiler) -> str:
     return ""
 
 
-_OBJECTS: dict[str, bytes] = {}
-"""Object files of this process by what they are of: models of a robot with other friction share most."""
-_MOST_OBJECTS = 100
 _PROTOTYPE = re.compile(r"\bint \w+\([^(){};]*\);")
+
+
+@lru_cache(maxsize=100)
+def _keep_object(_key: str) -> list[bytes]:
+    """Return the place of an object file by what it is of: models that differ in friction share most."""
+    return []
 
 
 def compile_sources(
@@ -294,17 +297,17 @@ def compile_sources(
         def make(source: Path, target: Path, size: int) -> None:
             run = partial(_run_compiler, size=size, running=running, scratch=scratch)
             command = (compiler.path, *flags, str(source))
-            # All that is compiled: names of folders and prototypes of functions make no code.
-            text = _PROTOTYPE.sub("", run((*command, "-E", "-P"))) if straight else ""
-            key = compute_signature(compiler, flags, text)
-            if straight and key in _OBJECTS:
-                target.write_bytes(_OBJECTS[key])
+            kept = list[bytes]()
+            if straight:
+                # All that is compiled: names of folders and prototypes of functions make no code.
+                text = _PROTOTYPE.sub("", run((*command, "-E", "-P")))
+                kept = _keep_object(compute_signature(compiler, flags, text))
+            if kept:
+                target.write_bytes(kept[0])
                 return
             run((*command, "-c", "-o", str(target)))
-            if straight:
-                if len(_OBJECTS) >= _MOST_OBJECTS:
-                    _OBJECTS.clear()
-                _OBJECTS[key] = target.read_bytes()
+            # Of a compiler that made nothing, the linker tells.
+            kept += [target.read_bytes()] if target.is_file() else []
 
         with ThreadPoolExecutor(max_workers=_WORKERS) as pool:
             try:

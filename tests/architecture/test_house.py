@@ -8,10 +8,10 @@ from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
     "files of symid/": 223,
-    "lines": 83_479,  # Values and deviations in matching digits in every table.
+    "lines": 83_554,  # Long logs pass in pieces, and models that differ in friction share compiled code.
     "imports inside functions": 76,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
-    "lines of tests": 61_558,  # Each warning says what to do, long logs pass in parts: that is tested.
+    "lines of tests": 61_626,  # Warnings say what to do, long logs pass in parts, models share code: tested.
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }
