@@ -12,6 +12,7 @@ Not supported: sizes from Mach-O, COFF or linked files; the stack of the mathema
 
 import contextlib
 import os
+import re
 import shutil
 import signal
 import struct
@@ -19,11 +20,12 @@ import subprocess
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from pathlib import Path
 
 from symid.environment import make_scratch_folder
 from symid.errors import GenerationError, Notice
+from symid.serialization import compute_signature
 
 _ELF_MAGIC = b"\x7fELF"
 _ELF_SYMBOL_TABLE = 2
@@ -271,6 +273,15 @@ def diagnose_compiler(compiler: Compiler) -> str:
     return ""
 
 
+_PROTOTYPE = re.compile(r"\bint \w+\([^(){};]*\);")
+
+
+@lru_cache(maxsize=100)
+def _keep_object(_key: str) -> list[bytes]:
+    """Return the place of an object file by what it is of: models that differ in friction share most."""
+    return []
+
+
 def compile_sources(
     compiler: Compiler, sources: Sequence[Path], output: Path, *, straight: bool = False
 ) -> Path:
@@ -281,14 +292,26 @@ def compile_sources(
     flags = (*compiler.flags, *_choose_flags(compiler, straight=straight))
     with make_scratch_folder() as scratch:
         objects = [scratch / f"{source.stem}.o" for source in sources]
-        commands = [
-            (compiler.path, *flags, "-c", str(source), "-o", str(target))
-            for source, target in zip(sources, objects, strict=True)
-        ]
         sizes, running = [source.stat().st_size for source in sources], Processes()
+
+        def make(source: Path, target: Path, size: int) -> None:
+            run = partial(_run_compiler, size=size, running=running, scratch=scratch)
+            command = (compiler.path, *flags, str(source))
+            kept = list[bytes]()
+            if straight:
+                # All that is compiled: names of folders and prototypes of functions make no code.
+                text = _PROTOTYPE.sub("", run((*command, "-E", "-P")))
+                kept = _keep_object(compute_signature(compiler, flags, text))
+            if kept:
+                target.write_bytes(kept[0])
+                return
+            run((*command, "-c", "-o", str(target)))
+            # Of a compiler that made nothing, the linker tells.
+            kept += [target.read_bytes()] if target.is_file() else []
+
         with ThreadPoolExecutor(max_workers=_WORKERS) as pool:
             try:
-                list(pool.map(partial(_run_compiler, running=running, scratch=scratch), commands, sizes))
+                list(pool.map(make, sources, objects, sizes))
             except BaseException:
                 # An interruption, or an error of one of them: nobody waits for the others.
                 pool.shutdown(wait=False, cancel_futures=True)

@@ -663,9 +663,9 @@ def describe_uneven(time: FloatArray, file: str = "") -> Notice | None:
         text += f"{period:.6g} s, the first after sample {first} (counted from 0), from {time[first]:.6g} s "
         text += f"to {time[first + 1]:.6g} s; cut the log there into separate files, or resample it evenly"
         return Notice(code="log.gap", text=text, file=file)
-    away = steps / period
-    away -= 1.0
-    scatter = float(np.sqrt(np.mean(np.square(away, out=away))))
+    errors = steps / period
+    errors -= 1.0
+    scatter = float(np.sqrt(np.mean(np.square(errors, out=errors))))
     if scatter > _JITTER:
         late = np.flatnonzero(np.abs(steps - period) > _JITTER * period)
         first = int(late[0])

@@ -1,5 +1,6 @@
 """The cache: found again, made again when it must be, safe when two want it at once."""
 
+import ctypes
 import json
 import os
 import platform
@@ -34,7 +35,7 @@ from symid.codegen.compiler import (
 from symid.environment import mark_scratch
 from symid.errors import GenerationError, OutputError
 from symid.joint_models.hysteresis import Elasticity
-from symid.robot import load_robot
+from symid.robot import load_robot, override_settings
 from symid.robot.description import Controller, Limits, Processing
 from tests.builds import write_program
 from tests.refusals import raises
@@ -214,6 +215,41 @@ def test_the_compilers_message_reaches_the_reader(tmp_path, c_compiler):
     knows = not diagnose_compiler(replace(compiler, flags=("-fpeephole2",)))
     assert ("-O1" in str(caught.value)) == knows
     assert locate_compiler("no-such-compiler") is None
+
+
+def test_models_with_other_friction_share_what_was_compiled(tmp_path, c_compiler, monkeypatch):
+    """What was compiled once is linked again, and a friction law, or a header, makes other code."""
+    made, run = [], compiler_module._run_compiler
+
+    def note(command, *rest, **options):
+        made.extend(Path(part).name for part in command if "-c" in command and part.endswith(".c"))
+        return run(command, *rest, **options)
+
+    monkeypatch.setattr(compiler_module, "_run_compiler", note)
+    compiler_module._keep_object.cache_clear()
+    first, other = (
+        override_settings(load_robot("two_link"), (), law) for law in ("coulomb-viscous", "coulomb")
+    )
+    names = ("gravity", "mass_matrix", "friction")
+    libraries = [
+        prepare_library(robot, names=names, cache=tmp_path, compiler=c_compiler) for robot in (first, other)
+    ]
+    own = [made.count(f"symid_two_link_{name}.c") for name in names]
+    assert own == [1, 1, 2]
+    q, beta = [0.3, -0.4], np.arange(1.0, 7.0)
+    for name, inputs in (("gravity", (q, beta)), ("mass_matrix", (q, beta))):
+        one, two = (library.evaluate(name, *inputs)[0] for library in libraries)
+        np.testing.assert_array_equal(one, two)
+    # A number that comes from a header.
+    source, header = tmp_path / "of_header.c", tmp_path / "of_header.h"
+    source.write_text('#include "of_header.h"\nint number(void) { return NUMBER; }\n')
+    found = []
+    for number in (1, 2, 1):
+        header.write_text(f"int unused(int x[{number}]);\n#define NUMBER {number % 2}\n")
+        binary = tmp_path / f"{len(found)}.so"
+        compile_sources(locate_compiler(c_compiler), [source], binary, straight=True)
+        found.append(ctypes.CDLL(str(binary)).number())
+    assert (found, made.count("of_header.c")) == ([1, 0, 1], 2)
 
 
 def test_a_cache_that_cannot_be_written_is_replaced_by_a_temporary_one(robot, tmp_path, monkeypatch):

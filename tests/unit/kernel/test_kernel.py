@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 import symid.environment
-from symid.arrays import FloatArray, FrozenArrays, accumulate, compute_triangle, freeze
+from symid.arrays import FloatArray, FrozenArrays, accumulate, compute_triangle, freeze, measure_top
 from symid.environment import locate_resource_folder, report_count, write_file
 from symid.errors import InputError, Notice, RobotError, SymidError
 from symid.notation import INERTIAL, SYMBOLS, UNITS, get_unit, get_unit_factor, suggest_units
@@ -183,6 +183,16 @@ def test_sums_that_forget_are_those_step_after_step(shape, keep):
     for place, step in enumerate(steps):
         expected[place] = keep * (expected[place - 1] if place else 0.0) + step
     np.testing.assert_allclose(accumulate(steps, keep), expected, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("span", [0, 1, 7])
+@pytest.mark.parametrize("count", [8, 4000, 4001, 12_007])
+def test_the_largest_step_is_found_wherever_it_is(count, span):
+    values = np.random.default_rng(count + span).uniform(-1.0, 1.0, (count, 3))
+    # At the ends, and between two pieces.
+    values[0, 0], values[-1, 1], values[min(count - 1, 3999 + span), 2] = -5.0, -6.0, 7.0
+    steps = values[span:] - values[: count - span] if span else values
+    np.testing.assert_array_equal(measure_top(values, span), np.abs(steps).max(axis=0))
 
 
 def test_zero_columns_stay_zero_and_no_number_is_hidden():

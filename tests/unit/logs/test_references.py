@@ -8,7 +8,7 @@ import pytest
 from symid.logs.files import write_recording
 from symid.logs.reader import read_recording
 from symid.logs.recording import Recording
-from symid.logs.runs import read_log_runs
+from symid.logs.runs import read_fit_recordings, read_log_runs
 from symid.logs.sampling import plan_resampling, resample_recording
 from symid.robot.toml_reader import parse_robot
 
@@ -85,6 +85,20 @@ def test_resampling_and_zeros_keep_samples_together(recording, tmp_path, robot):
     (found,) = read_log_runs(runs, robot)
     np.testing.assert_allclose(found.reference - found.position, 0.01)
     np.testing.assert_allclose(found.position, recording.position + np.array([0.1, -0.2]))
+
+
+def test_fits_that_simulate_no_controller_do_without_its_channels(tmp_path, robot, recording):
+    path = write_recording(recording, tmp_path / "log.npz", robot)
+    (whole,), (found,) = (read_fit_recordings([path], robot, control=control) for control in (True, False))
+    assert (found.reference, found.reference_velocity, found.feedforward) == (None, None, None)
+    assert (found.notices, found.extras) == (whole.notices, {})
+    for name in ("time", "position", "torque"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(recording, name))
+    np.testing.assert_array_equal(whole.reference, recording.reference)
+    # A column that the map lacks is noted all the same.
+    named = parse_robot(HEAD + '[log]\nreference = { columns = ["soll"], unit = "rad" }\n')
+    (found,) = read_fit_recordings([path], named, control=False)
+    assert "log.no-reference" in {entry.code for entry in found.notices}
 
 
 def test_a_gap_in_the_reference_stops_no_one_and_a_named_column_may_be_missing(tmp_path, robot, recording):
