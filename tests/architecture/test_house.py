@@ -8,10 +8,10 @@ from tests.architecture.source import PACKAGE, PROJECT, house
 
 MOST = {
     "files of symid/": 223,
-    "lines": 84_302,  # Torques beyond the limits of the joints cap what a fit is worth.
+    "lines": 84_305,  # Torques beyond the limits of the joints cap what a fit is worth.
     "imports inside functions": 76,  # SciPy stays away from code that is only looked at again.
     "strings read as a language": 0,
-    "lines of tests": 62_453,  # Each warning says what to do, long logs pass in parts: that is tested.
+    "lines of tests": 62_454,  # Each warning says what to do, long logs pass in parts: that is tested.
     "kB of DESIGN.md": 10,
     "kB of README.md": 5,
 }

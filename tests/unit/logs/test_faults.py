@@ -11,7 +11,7 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from symid.codegen.cache import prepare_library
 from symid.errors import LogError
@@ -322,6 +322,7 @@ def poll(motion, period, poll, count, *, phase=0.3, drift=0.0, late=0.0):
     late=st.sampled_from([0.0, 0.4]),
     phase=st.floats(0.0, 0.99),
 )
+@example(seed=0, ratio=2.0, late=0.0, phase=0.3)
 def test_a_robot_that_is_polled_too_fast_gets_its_own_clock(seed, ratio, late, phase):
     period = 1.0 / 338.0
     log, fresh = poll(Motion(seed), period, period / ratio, 3000, phase=phase, late=late)
